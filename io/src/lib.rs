@@ -1,0 +1,17 @@
+//! Every file format of tieline: bytes in, columns and structs out; no matching, no estimation.
+//!
+//! | module | formats |
+//! |---|---|
+//! | [`las`] | LAS 1.0–1.4, LAZ, COPC (read): streaming, chunk-parallel, every byte of a record kept |
+//! | [`trajectory`] | SBET, SMRMSG, TerraScan `.trj`, text with a column pattern |
+//! | [`crs`] | coordinate reference systems: geographic, projected, local |
+//! | [`ties`] | `ties.parquet` and `ties.csv` |
+//! | [`correction`] | `correction.csv` |
+//! | [`output`] | files that appear whole or not at all |
+
+pub mod correction;
+pub mod crs;
+pub mod las;
+pub mod output;
+pub mod ties;
+pub mod trajectory;

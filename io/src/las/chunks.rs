@@ -52,7 +52,7 @@ pub(super) fn of_las(input: &Input, header: &LasHeader, layout: RecordLayout) ->
     Ok(blocks.collect())
 }
 
-/// Chunks of a compressed file, and where its chunk table lies; files of LASzip before 2.0 are one chunk without table.
+/// Chunks of a compressed file, and where its chunk table lies; files of `LASzip` before 2.0 are one chunk without table.
 pub(super) fn of_laz(
     input: &Input,
     header: &LasHeader,

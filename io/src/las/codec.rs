@@ -17,7 +17,7 @@ use super::layout::RecordLayout;
 pub(super) const LASZIP_USER_ID: &str = LazVlr::USER_ID;
 pub(super) const LASZIP_RECORD_ID: u16 = LazVlr::RECORD_ID;
 
-/// Compressor type of LASzip before 2.0: one stream of points, no chunk table.
+/// Compressor type of `LASzip` before 2.0: one stream of points, no chunk table.
 const POINT_WISE: u16 = 1;
 /// Compressor types that work in chunks.
 const CHUNKED: u16 = 2;
@@ -34,12 +34,12 @@ pub(super) struct LazCodec {
     /// Number of layers of a layered chunk.
     layers: usize,
     record_length: usize,
-    /// All points form one chunk, and there is no chunk table (LASzip before 2.0).
+    /// All points form one chunk, and there is no chunk table (`LASzip` before 2.0).
     is_one_stream: bool,
 }
 
 impl LazCodec {
-    /// The codec that the contents of a file's LASzip record describe; `Err` with the reason why there is none.
+    /// The codec that the contents of a file's `LASzip` record describe; `Err` with the reason why there is none.
     pub(super) fn from_record(contents: &[u8], layout: RecordLayout) -> Result<Self, String> {
         match u16_at(contents, 0) {
             0 => return Err("it says that the points are not compressed".to_owned()),
@@ -81,7 +81,7 @@ impl LazCodec {
         Ok(Self { vlr, is_layered, layers, record_length: layout.record_length, is_one_stream })
     }
 
-    /// The LASzip record.
+    /// The `LASzip` record.
     pub(super) fn vlr(&self) -> &LazVlr {
         &self.vlr
     }

@@ -1,4 +1,4 @@
-//! The coordinate reference system records of LAS: WKT (2112) and the GeoTIFF keys.
+//! The coordinate reference system records of LAS: WKT (2112) and the `GeoTIFF` keys.
 
 use super::bytes::{f64_at, u16_at};
 
@@ -18,7 +18,7 @@ const GEOGRAPHIC_TYPE: u16 = 2_048;
 /// `ProjectedCSTypeGeoKey`: EPSG code of a projected system.
 const PROJECTED_TYPE: u16 = 3_072;
 
-/// The GeoTIFF keys of a file, raw.
+/// The `GeoTIFF` keys of a file, raw.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GeoKeys {
     /// Key entries: key id, tag location, count, value or index.

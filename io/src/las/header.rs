@@ -78,9 +78,9 @@ pub struct LasHeader {
     pub vlrs: Vec<VlrSummary>,
     /// Coordinate reference system as WKT (record 2112).
     pub wkt: Option<String>,
-    /// Coordinate reference system as GeoTIFF keys.
+    /// Coordinate reference system as `GeoTIFF` keys.
     pub geokeys: Option<GeoKeys>,
-    /// EPSG code of the horizontal reference system, from WKT, else from the GeoTIFF keys.
+    /// EPSG code of the horizontal reference system, from WKT, else from the `GeoTIFF` keys.
     pub epsg: Option<u32>,
     /// Number of variable-length records before the points.
     pub(super) vlr_count: u32,

@@ -44,11 +44,19 @@ pub fn guess_time(file: &LasFile) -> Result<TimeGuess, LasError> {
     let (mut times_s, mut records) = (Vec::new(), Vec::new());
     let last = file.chunk_count() - 1; // a file without points, so without chunks, is never opened
     let samples = SAMPLED_CHUNKS.min(last + 1);
-    for sample in 0..samples {
-        file.read_chunk_start(last * sample / (samples - 1).max(1), SAMPLED_POINTS, &mut records)?;
-        times_s.extend(records.chunks_exact(file.layout().record_length).map(|record| f64_at(record, position)));
+    let mut guess = guess_from_times(&[], claimed);
+    for most in [SAMPLED_POINTS, u64::MAX] {
+        times_s.clear();
+        for sample in 0..samples {
+            file.read_chunk_start(last * sample / (samples - 1).max(1), most, &mut records)?;
+            times_s.extend(records.chunks_exact(file.layout().record_length).map(|record| f64_at(record, position)));
+        }
+        guess = guess_from_times(&times_s, claimed);
+        if guess.encoding.is_some() {
+            break; // else a coarse clock may have stood still for a thousand points: look at whole chunks
+        }
     }
-    Ok(guess_from_times(&times_s, claimed))
+    Ok(guess)
 }
 
 /// Recognises the encoding of raw GPS times \[s\] beside the one that the header claims.

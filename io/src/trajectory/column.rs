@@ -121,7 +121,12 @@ impl Column {
     /// The column of a name; `None` when it means nothing.
     pub(super) fn parse(name: &str) -> Option<Self> {
         let plain = normalise(name);
-        let column = |quantity, factor, offset| Self { name: name.trim().to_string(), quantity, factor, offset };
+        let column = |quantity, factor, offset| Self {
+            name: name.trim().trim_matches('"').to_string(),
+            quantity,
+            factor,
+            offset,
+        };
         match plain.as_str() {
             "adjusted_s" | "adjusted_time_s" | "adjusted_standard_s" => {
                 return Some(column(Quantity::Time, Some(1.0), 0.0));

@@ -76,7 +76,7 @@ pub enum TrajectoryFileError {
     },
     /// A latitude beyond the poles.
     #[error(
-        "{}: latitude {latitude} at record {record} is beyond ±pi/2: degrees taken for radians, or not an SBET",
+        "{}: latitude {latitude:?} at record {record} is beyond ±pi/2: degrees taken for radians, or not an SBET",
         path.display()
     )]
     NotRadians {
@@ -88,7 +88,7 @@ pub enum TrajectoryFileError {
         latitude: f64,
     },
     /// A number outside of what can be.
-    #[error("{}: {column} is {value} at {place}, {expected} was due; check format, columns and units", path.display())]
+    #[error("{}: {column} is {value:?} at {place}, {expected} was due; check format, columns and units", path.display())]
     Absurd {
         /// The file.
         path: PathBuf,
@@ -112,7 +112,7 @@ pub enum TrajectoryFileError {
         column: &'static str,
     },
     /// Time runs backwards by less than a week's end.
-    #[error("{}: time runs backwards at {place}: {time_s} s after {previous_s} s; sort the file by time", path.display())]
+    #[error("{}: time runs backwards at {place}: {time_s:?} s after {previous_s:?} s; sort the file by time", path.display())]
     TimeBackwards {
         /// The file.
         path: PathBuf,
@@ -125,7 +125,7 @@ pub enum TrajectoryFileError {
     },
     /// A time that is neither seconds of week nor adjusted standard time.
     #[error(
-        "{}: time {time_s} s at {place} is neither seconds of week nor GPS seconds minus 1e9; for GPS seconds since \
+        "{}: time {time_s:?} s at {place} is neither seconds of week nor GPS seconds minus 1e9; for GPS seconds since \
          1980 name the column gps_s, Unix time must be converted",
         path.display()
     )]

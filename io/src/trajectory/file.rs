@@ -15,7 +15,7 @@ use crate::crs::{Crs, CrsError};
 pub enum TrajectoryFormat {
     /// Applanix SBET: 17 × f64.
     Sbet,
-    /// TerraScan trajectory.
+    /// `TerraScan` trajectory.
     Trj,
     /// Delimited text, plain or gzipped.
     Text,
@@ -102,6 +102,9 @@ fn recognise(path: &Path) -> Result<TrajectoryFormat, TrajectoryFileError> {
     file.by_ref().take(4096).read_to_end(&mut head).map_err(TrajectoryFileError::io(path))?;
     if head.is_empty() {
         Err(TrajectoryFileError::Empty { path: path.to_path_buf() })
+    } else if head.starts_with(b"LASF") {
+        let found = "a LAS or LAZ point cloud".to_string();
+        Err(TrajectoryFileError::UnknownFormat { path: path.to_path_buf(), found })
     } else if head.starts_with(trj::MAGIC) {
         Ok(TrajectoryFormat::Trj)
     } else if head.starts_with(text::GZIP_MAGIC) || is_text(&head) {

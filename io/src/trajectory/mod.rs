@@ -1,10 +1,10 @@
-//! Trajectory files: SBET with its accuracy file (SMRMSG), TerraScan `.trj`, and text of any column order.
+//! Trajectory files: SBET with its accuracy file (SMRMSG), `TerraScan` `.trj`, and text of any column order.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`sbet`] | 17 × f64 per epoch, radians, wander frame |
 //! | [`smrmsg`] | 10 × f64 per epoch: accuracies, joined to a trajectory by time |
-//! | [`trj`] | TerraScan's 64-byte records, degrees, map coordinates |
+//! | [`trj`] | `TerraScan`'s 64-byte records, degrees, map coordinates |
 //! | [`text`] | delimited text by column names with units, plain or gzipped |
 //! | [`csv`] | tieline's own `trajectory.csv` (written here, read by [`text`]) |
 //!

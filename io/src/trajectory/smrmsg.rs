@@ -1,4 +1,4 @@
-//! SMRMSG: the accuracies that POSPac writes beside an SBET, 10 little-endian f64 per epoch.
+//! SMRMSG: the accuracies that `POSPac` writes beside an SBET, 10 little-endian f64 per epoch.
 //!
 //! | number | meaning |
 //! |---|---|

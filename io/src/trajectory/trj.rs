@@ -1,4 +1,4 @@
-//! TerraScan trajectories (`.trj`): a head of 1376 bytes, then 64 bytes per epoch, little-endian.
+//! `TerraScan` trajectories (`.trj`): a head of 1376 bytes, then 64 bytes per epoch, little-endian.
 //!
 //! | record | meaning |
 //! |---|---|

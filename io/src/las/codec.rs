@@ -8,7 +8,7 @@ use laz::record::{
     LayeredPointRecordCompressor, LayeredPointRecordDecompressor, RecordCompressor, RecordDecompressor,
     SequentialPointRecordCompressor, SequentialPointRecordDecompressor,
 };
-use laz::{LazItemRecordBuilder, LazItemType, LazVlr, LazVlrBuilder};
+use laz::{DecompressionSelection, LazItemRecordBuilder, LazItemType, LazVlr, LazVlrBuilder};
 
 use super::bytes::{u16_at, u32_at};
 use super::layout::RecordLayout;
@@ -24,6 +24,25 @@ const CHUNKED: u16 = 2;
 const LAYERED_CHUNKED: u16 = 3;
 /// Bytes of the arithmetic decoder's window: it may leave so many of a chunk unread, never more.
 const DECODER_WINDOW: u64 = 4;
+
+/// Which fields of a chunk are to be decoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// Every byte.
+    Everything,
+    /// What [`super::Columns`] holds: neither colours, waveform references nor extra bytes.
+    Columns,
+}
+
+impl Wanted {
+    fn selection(self) -> DecompressionSelection {
+        let all = DecompressionSelection::all();
+        match self {
+            Self::Everything => all,
+            Self::Columns => all.skip_rgb().skip_nir().skip_wavepacket().skip_extra_bytes(),
+        }
+    }
+}
 
 /// Compresses and decompresses the chunks of one file.
 #[derive(Debug)]
@@ -97,7 +116,9 @@ impl LazCodec {
     }
 
     /// Decompresses the first points of a chunk that holds `points` into `records`, as many as fit it.
-    pub(super) fn decode(&self, chunk: &[u8], points: u64, records: &mut [u8]) -> Result<(), String> {
+    ///
+    /// Formats 6 to 10 skip what is not wanted: such fields then repeat those of the first point.
+    pub(super) fn decode(&self, chunk: &[u8], points: u64, wanted: Wanted, records: &mut [u8]) -> Result<(), String> {
         if self.is_layered {
             self.check_layers(chunk, points)?;
         }
@@ -106,6 +127,7 @@ impl LazCodec {
             if self.is_layered {
                 let mut decoder = LayeredPointRecordDecompressor::new(&mut source);
                 decoder.set_fields_from(self.vlr.items())?;
+                decoder.set_selection(wanted.selection());
                 decoder.decompress_many(records)?;
             } else {
                 let mut decoder = SequentialPointRecordDecompressor::new(&mut source);

@@ -5,7 +5,8 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::chunks::{self, Chunk, TablePlace};
-use super::codec::{LASZIP_RECORD_ID, LASZIP_USER_ID, LazCodec};
+use super::codec::{LASZIP_RECORD_ID, LASZIP_USER_ID, LazCodec, Wanted};
+use super::columns::Columns;
 use super::error::LasError;
 use super::header::{HEADER_SIZE, LasHeader};
 use super::input::Input;
@@ -26,8 +27,7 @@ thread_local! {
 /// let file = LasFile::open("strip_001.laz".as_ref())?;
 /// let (mut records, mut columns) = (Vec::new(), Columns::default());
 /// for chunk in 0..file.chunk_count() {
-///     file.read_chunk(chunk, &mut records)?;
-///     columns.fill(&records, file.layout());
+///     file.read_columns(chunk, &mut records, &mut columns)?;
 /// }
 /// # Ok::<(), tieline_io::las::LasError>(())
 /// ```
@@ -115,15 +115,32 @@ impl LasFile {
     /// # Errors
     /// When the chunk is corrupt, the file cannot be read, or there is no such chunk.
     pub fn read_chunk(&self, chunk: usize, records: &mut Vec<u8>) -> Result<(), LasError> {
-        self.read_chunk_start(chunk, u64::MAX, records)
+        self.read(chunk, u64::MAX, Wanted::Everything, records)
+    }
+
+    /// Reads the columns of a chunk; `records` is working memory, and its memory and that of the columns is reused.
+    ///
+    /// The fastest way to columns: compressed colours, waveform references and extra bytes of formats 6 to 10 are not
+    /// decoded, so `records` is not to be written out.
+    ///
+    /// # Errors
+    /// As [`LasFile::read_chunk`].
+    pub fn read_columns(&self, chunk: usize, records: &mut Vec<u8>, columns: &mut Columns) -> Result<(), LasError> {
+        self.read(chunk, u64::MAX, Wanted::Columns, records)?;
+        columns.fill(records, self.layout);
+        Ok(())
     }
 
     /// Reads the records of the first `most` points of a chunk: a cheap sample.
     ///
     /// # Errors
     /// As [`LasFile::read_chunk`].
-    #[allow(clippy::cast_possible_truncation)] // sizes of chunks were checked when the file was opened
     pub fn read_chunk_start(&self, chunk: usize, most: u64, records: &mut Vec<u8>) -> Result<(), LasError> {
+        self.read(chunk, most, Wanted::Everything, records)
+    }
+
+    #[allow(clippy::cast_possible_truncation)] // sizes of chunks were checked when the file was opened
+    fn read(&self, chunk: usize, most: u64, wanted: Wanted, records: &mut Vec<u8>) -> Result<(), LasError> {
         let place = self.chunks.get(chunk).ok_or_else(|| LasError::NoSuchChunk {
             path: self.path().into(),
             chunk,
@@ -137,7 +154,7 @@ impl LasFile {
         COMPRESSED.with_borrow_mut(|compressed| {
             compressed.resize((place.bytes.end - place.bytes.start) as usize, 0);
             self.input.read(compressed, place.bytes.start)?;
-            codec.decode(compressed, points, records).map_err(|reason| LasError::CorruptChunk {
+            codec.decode(compressed, points, wanted, records).map_err(|reason| LasError::CorruptChunk {
                 path: self.path().into(),
                 chunk,
                 first_point: place.points.start,

@@ -125,9 +125,9 @@ impl Default for StoredBounds {
 
 impl StoredBounds {
     pub(super) fn include(&mut self, stored: [i32; 3]) {
-        for axis in 0..3 {
-            self.min[axis] = self.min[axis].min(stored[axis]);
-            self.max[axis] = self.max[axis].max(stored[axis]);
+        for ((least, greatest), value) in self.min.iter_mut().zip(&mut self.max).zip(stored) {
+            *least = value.min(*least);
+            *greatest = value.max(*greatest);
         }
     }
 

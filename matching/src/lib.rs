@@ -1,1 +1,27 @@
-//! Placeholder
+//! Finds planar ties between overlapping laser strips: one pass over the points, patches, surface lines.
+//!
+//! The main path, top down: [`Accumulator`] sums points into cells → [`TileMerge`] gives them tile by tile →
+//! [`patches_of_tile`] → [`pair`] → rejection and [`selection`](select). Matching never knows a file format.
+
+mod accumulate;
+mod block;
+mod cell;
+mod geometry;
+mod moments;
+mod patch;
+mod runs;
+mod sketch;
+mod strip;
+mod surface_line;
+mod tile;
+
+pub use accumulate::{Accumulator, GridOptions, PassCounts};
+pub use block::{PointBlock, PointFilter, Returns, ScannerField, SourceKey, SourceRule};
+pub use cell::{Cell, CellKey, Place};
+pub use moments::Moments;
+pub use patch::{Patch, Sighting};
+pub use runs::{Run, TileMerge};
+pub use sketch::{BinSketch, ReturnPair, SamplePoint, Sketches, mix};
+pub use strip::{Strip, StripIndex, StripOptions};
+pub use surface_line::{End, Measurement, PairingOptions, Rejection, SurfaceLine, compare, measure, pair};
+pub use tile::{PatchOptions, patches_of_tile};

@@ -136,7 +136,7 @@ impl LazCodec {
             }
             Ok::<u64, laz::LasZipError>(source.position())
         }));
-        let read = read.map_err(|panic| panic_text(&*panic))?.map_err(|error| error.to_string())?;
+        let read = read.map_err(|panic| panic_text(&*panic))?.map_err(|error| decode_text(&error))?;
         let is_whole = !self.is_one_stream && records.len() as u64 == points.saturating_mul(self.record_length as u64);
         if is_whole && points > 1 && read + DECODER_WINDOW < chunk.len() as u64 {
             return Err(format!("its points end at byte {read} of {}", chunk.len()));
@@ -192,6 +192,16 @@ fn layers_of(item: LazItemType) -> usize {
         LazItemType::RGB14 | LazItemType::WavePacket14 => 1,
         LazItemType::Byte14(count) => usize::from(count),
         _ => 0,
+    }
+}
+
+/// What an error of the decoder means.
+fn decode_text(error: &laz::LasZipError) -> String {
+    match error {
+        laz::LasZipError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => {
+            "its compressed bytes end before its points do".to_owned()
+        }
+        other => other.to_string(),
     }
 }
 

@@ -238,7 +238,7 @@ fn mutated_and_truncated_files_never_panic() {
     let (mut random, mut refused, mut read) = (Random::new(99), 0, 0);
     for source in &sources {
         let points_start = u32::from_le_bytes(source[96..100].try_into().unwrap()) as usize;
-        for round in 0..1_000 {
+        for round in 0..500 {
             let mut bytes = source.clone();
             // a third each in the header, in the records and the first points, anywhere
             let end = [375, points_start + 400, bytes.len()][round % 3];
@@ -257,10 +257,10 @@ fn mutated_and_truncated_files_never_panic() {
                 Err(_) => refused += 1,
             }
         }
-        for length in (0..source.len()).step_by(source.len() / 300 + 1) {
+        for length in (0..source.len()).step_by(source.len() / 120 + 1) {
             fs::write(&path, &source[..length]).unwrap();
             assert!(read_all(&path).is_err(), "cut at {length}");
         }
     }
-    assert!(refused > 500 && read > 500, "{refused} refused, {read} read");
+    assert!(refused > 1_000 && read > 500, "{refused} refused, {read} read");
 }

@@ -84,7 +84,7 @@ fn only_coordinates_change_in_every_format() {
             let changed = (0..227).filter(|&at| before[at] != after[at]);
             assert!({ changed }.all(|at| (58..90).contains(&at) || at >= 131), "format {format}");
             assert_eq!(report.file_length, fs::metadata(&new).unwrap().len());
-            assert_eq!(LasFile::open(&new).unwrap().header().min, report.min);
+            assert_eq!(LasFile::open(&new).unwrap().header().min.map(f64::to_bits), report.min.map(f64::to_bits));
         }
     }
 }

@@ -77,7 +77,7 @@ impl LazCodec {
         let extra = u16::try_from(layout.extra_byte_count()).map_err(|error| error.to_string())?;
         let builder = LazVlrBuilder::default().with_point_format(layout.point_format, extra);
         let vlr = builder.map_err(|error| error.to_string())?.with_fixed_chunk_size(chunk_size).build();
-        Self::of_vlr(vlr, layout, false)
+        Self::of_vlr(readable_by_laszip(&vlr)?, layout, false)
     }
 
     fn of_vlr(vlr: LazVlr, layout: RecordLayout, is_one_stream: bool) -> Result<Self, String> {
@@ -182,6 +182,22 @@ impl LazCodec {
         }
         Ok(())
     }
+}
+
+/// The same record with waveform references of formats 4 and 5 in item version 1: the `laz` crate would write
+/// version 2, the same bytes, which `LASzip` 3.5 refuses.
+fn readable_by_laszip(vlr: &LazVlr) -> Result<LazVlr, String> {
+    /// Byte position of the first item, and of its version within it.
+    const ITEMS: usize = 34;
+    const VERSION: usize = 4;
+    let mut contents = Vec::new();
+    vlr.write_to(&mut contents).map_err(|error| error.to_string())?;
+    for item in contents[ITEMS..].chunks_exact_mut(6) {
+        if u16_at(item, 0) == u16::from(LazItemType::WavePacket13) {
+            item[VERSION..].copy_from_slice(&1_u16.to_le_bytes());
+        }
+    }
+    LazVlr::from_buffer(contents).map_err(|error| error.to_string())
 }
 
 /// Layers that a field of formats 6 to 10 is stored in.

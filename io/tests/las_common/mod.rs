@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use tieline_io::las::{ExtraBytes, LasFile, LasWriter, LasWriterOptions, RecordLayout, VariableRecord};
 
 /// Seed of every random number here.
-const SEED: u64 = 0x5EED_1A5;
+const SEED: u64 = 0x05EE_D1A5;
 
-/// SplitMix64: small, good, and the same everywhere.
+/// `SplitMix64`: small, good, and the same everywhere.
 #[derive(Debug)]
 pub(crate) struct Random(u64);
 

@@ -4,6 +4,7 @@
 mod las_common;
 
 use las_common::{attributes, options, read, real, records, write, write_copc};
+use rayon::prelude::*;
 use tieline_filter::TimeEncoding;
 use tieline_io::las::{Columns, LasError, LasFile, LasWriter, LasWriterOptions, guess_time};
 
@@ -92,6 +93,22 @@ fn columns_of_different_lengths_are_refused_and_an_unfinished_file_leaves_nothin
     let old = LasWriterOptions { version: (1, 2), ..LasWriterOptions::default() };
     assert!(matches!(LasWriter::create(&path, old), Err(LasError::Unwritable { what: "version", .. })));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn any_number_of_threads_may_read_one_file() {
+    fn shared_by_threads<T: Send + Sync>() {}
+    shared_by_threads::<LasFile>();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("strip.laz");
+    let written = write(&path, options(8), 170_000);
+    let file = LasFile::open(&path).unwrap();
+    let read_one = |chunk| {
+        let mut records = Vec::new();
+        file.read_chunk(chunk, &mut records).map(|()| records)
+    };
+    let chunks: Result<Vec<_>, _> = (0..file.chunk_count()).into_par_iter().map(read_one).collect();
+    assert!(chunks.unwrap().concat() == written);
 }
 
 #[test]

@@ -195,6 +195,10 @@ impl LasHeader {
             let expected = format!("a position in the file of {file_length} bytes (a whole file is longer)");
             return field("offset to point data", self.point_data_offset.to_string(), expected);
         }
+        if self.evlr_count > 0 && self.evlr_start < self.point_data_offset {
+            let expected = format!("a position after the points, which start at byte {}", self.point_data_offset);
+            return field("start of first EVLR", self.evlr_start.to_string(), expected);
+        }
         Ok(())
     }
 

@@ -50,7 +50,7 @@ impl Scenario {
     pub fn airborne_sample() -> Self {
         Self {
             name: "airborne sample".into(),
-            seed: 20,
+            seed: 7,
             area: Area { east_m: 170.0, north_m: 170.0 },
             world: WorldOptions {
                 relief_m: 4.0,
@@ -67,19 +67,19 @@ impl Scenario {
             },
             scanners: vec![ScannerOptions {
                 field_of_view_deg: 34.0,
-                pulse_rate_hz: 26_000.0,
-                line_rate_hz: 78.0,
-                boresight_error_deg: [0.012, -0.015, 0.03],
+                pulse_rate_hz: 48_000.0,
+                line_rate_hz: 106.0,
+                boresight_error_deg: [0.008, -0.01, 0.02],
                 lever_arm_error_m: [0.01, -0.02, 0.015],
                 range_offset_m: 0.02,
                 range_scale_ppm: 20.0,
                 ..ScannerOptions::default()
             }],
             errors: TrajectoryErrors {
-                position_constant_sd_m: 0.06,
-                position_linear_sd_m: 0.03,
-                attitude_constant_sd_deg: 0.006,
-                attitude_linear_sd_deg: 0.003,
+                position_constant_sd_m: 0.05,
+                position_linear_sd_m: 0.02,
+                attitude_constant_sd_deg: 0.005,
+                attitude_linear_sd_deg: 0.002,
             },
             output: OutputOptions { trajectory_rate_hz: 50.0, ..OutputOptions::default() },
             ..Self::default()

@@ -192,8 +192,8 @@ impl Default for ScannerOptions {
         Self {
             kind: ScannerKind::Rotating,
             field_of_view_deg: 40.0,
-            pulse_rate_hz: 84_000.0,
-            line_rate_hz: 103.0,
+            pulse_rate_hz: 112_000.0,
+            line_rate_hz: 120.0,
             range_noise_m: 0.008,
             angular_noise_deg: 0.0002,
             max_range_m: 3000.0,

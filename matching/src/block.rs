@@ -58,6 +58,9 @@ impl PointBlock<'_> {
     }
 }
 
+/// Files with this number or a higher one are control surfaces: each is a source of its own.
+pub const CONTROL_FILE: u16 = 0x8000;
+
 /// Which fields tell strips apart (a time gap does so as well, see [`crate::strip`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SourceRule {
@@ -118,16 +121,27 @@ impl SourceKey {
 impl SourceRule {
     /// The source of point `i` of a block.
     #[must_use]
+    #[inline]
     pub fn source(&self, block: &PointBlock<'_>, i: usize) -> SourceKey {
+        self.source_of(block.file, block.point_source_id[i], block.scanner_channel[i], block.user_data[i])
+    }
+
+    /// The source of a point with these fields.
+    #[must_use]
+    #[inline]
+    pub fn source_of(&self, file: u16, point_source_id: u16, scanner_channel: u8, user_data: u8) -> SourceKey {
+        if file >= CONTROL_FILE {
+            return SourceKey::new(file, 0, 0);
+        }
         let scanner = match self.scanner {
             ScannerField::Single => 0,
-            ScannerField::Channel => u16::from(block.scanner_channel[i]),
-            ScannerField::UserData => u16::from(block.user_data[i]),
-            ScannerField::File => block.file,
+            ScannerField::Channel => u16::from(scanner_channel),
+            ScannerField::UserData => u16::from(user_data),
+            ScannerField::File => file,
         };
         SourceKey::new(
-            if self.by_file { block.file } else { 0 },
-            if self.by_point_source_id { block.point_source_id[i] } else { 0 },
+            if self.by_file { file } else { 0 },
+            if self.by_point_source_id { point_source_id } else { 0 },
             scanner,
         )
     }

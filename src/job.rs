@@ -1,0 +1,205 @@
+//! A whole job: scan → trajectory → ties → solve → correct → report.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use nalgebra::Vector3;
+use tieline_matching::{CONTROL_FILE, SourceKey, StripIndex, geometry::StripBox};
+
+use crate::progress::Progress;
+use crate::project::{ControlKind, Project};
+use crate::report::data::{FileSummary, Timing};
+use crate::sample::Sample;
+use crate::settings::Settings;
+use crate::stage::correct::{Corrections, correct_file, output_names};
+use crate::stage::scan::scan;
+use crate::stage::solve::{Setup, Solution, solve};
+use crate::stage::ties::{ControlPoint, Ties, find};
+use crate::stage::trajectory::Poses;
+use crate::survey::Survey;
+
+/// What a job is run with, beside its project.
+#[derive(Debug, Clone)]
+pub struct JobOptions {
+    /// Output folder.
+    pub out: PathBuf,
+    /// Memory for patches \[bytes\].
+    pub memory_bytes: u64,
+    /// Whether bars are drawn.
+    pub progress: Progress,
+}
+
+/// Memory for patches when none is asked for \[bytes\].
+pub const DEFAULT_MEMORY_BYTES: u64 = 768 << 20;
+
+/// The seconds of each stage.
+#[derive(Debug, Default)]
+pub struct Clock {
+    timing: Timing,
+}
+
+impl Clock {
+    /// Runs a stage and notes its time.
+    pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        *self.timing.stage.entry(stage.to_string()).or_default() += start.elapsed().as_secs_f64();
+        result
+    }
+
+    /// The seconds of each stage, and points per second over all.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)]
+    pub fn timing(&self, points: u64) -> Timing {
+        let total: f64 = self.timing.stage.values().sum();
+        Timing { points_per_second: points as f64 / total.max(1e-9), ..self.timing.clone() }
+    }
+}
+
+/// A survey with its ties: the result of `match`.
+#[derive(Debug)]
+pub struct Matched {
+    /// The survey.
+    pub survey: Survey,
+    /// Settings in use.
+    pub settings: Settings,
+    /// Strips.
+    pub strips: StripIndex,
+    /// Their poses.
+    pub poses: Poses,
+    /// Ties.
+    pub ties: Ties,
+    /// Points read.
+    pub points: u64,
+}
+
+/// Opens a survey and finds its ties.
+///
+/// # Errors
+/// Whatever makes the survey unusable; when no two strips overlap.
+pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) -> Result<Matched> {
+    let survey = clock.time("open", || Survey::open(project))?;
+    let settings = clock.time("open", || {
+        let sample = Sample::read(&survey)?;
+        Settings::derive(project, &survey, &sample, options.memory_bytes, rayon::current_num_threads())
+    })?;
+    let scanned = clock.time("scan", || scan(&survey, &settings, &options.progress))?;
+    let points = scanned.counts.read;
+    let strips = StripIndex::new(&scanned.sketches, settings.strips, |source, number, of| {
+        strip_name(&survey, source, number, of)
+    });
+    let poses = clock.time("trajectory", || Poses::new(project, &survey, &strips, &scanned.sketches))?;
+    check_overlap(&strips, &scanned.sketches)?;
+    let control = control_points(project, &survey)?;
+    let ties = clock.time("ties", || find(scanned, &strips, &settings, &control))?;
+    Ok(Matched { survey, settings, strips, poses, ties, points })
+}
+
+/// Name of a strip: what tells it apart, with a number when one source has several strips.
+fn strip_name(survey: &Survey, source: SourceKey, number: usize, of: usize) -> String {
+    let file = survey.files.iter().find(|f| f.number == source.file());
+    let stem = file.and_then(|f| f.las.path().file_stem()).map(|s| s.to_string_lossy().into_owned());
+    let base = match (source.file() >= CONTROL_FILE, source.point_source_id()) {
+        (true, _) => format!("control {}", stem.unwrap_or_default()),
+        (false, 0) if source.file() > 0 || survey.strip_files().count() == 1 && of == 1 => stem.unwrap_or_default(),
+        (false, 0) => String::from("strip"),
+        (false, id) => id.to_string(),
+    };
+    if of > 1 { format!("{base}.{}", number + 1) } else { base }
+}
+
+fn check_overlap(strips: &StripIndex, sketches: &[((SourceKey, i64), tieline_matching::BinSketch)]) -> Result<()> {
+    let mut points: Vec<Vec<[f64; 3]>> = vec![Vec::new(); strips.strips().len()];
+    for ((source, _), bin) in sketches {
+        if let Some((strip, _)) = strips.find(*source, bin.first_s) {
+            points[strip as usize].extend(bin.samples().map(|s| s.point_m));
+        }
+    }
+    let boxes: Vec<Option<StripBox>> = points.iter().map(|p| StripBox::about(p)).collect();
+    let several_scanners = strips.strips().iter().any(|s| s.scanners.len() > 1);
+    let meets = boxes.iter().enumerate().any(|(i, a)| {
+        boxes[i + 1..].iter().any(|b| a.as_ref().zip(b.as_ref()).is_some_and(|(a, b)| a.overlaps(b, 5.0)))
+    });
+    if !meets && !several_scanners {
+        let names: Vec<&str> = strips.strips().iter().map(|s| s.name.as_str()).collect();
+        anyhow::bail!(
+            "no two strips overlap ({} found: {}); give strips that overlap, or say how they are told apart (strips.split)",
+            names.len(),
+            names.join(", ")
+        );
+    }
+    Ok(())
+}
+
+/// Known points of the project, in the local frame.
+fn control_points(project: &Project, survey: &Survey) -> Result<Vec<ControlPoint>> {
+    let mut points = Vec::new();
+    for section in project.control.iter().filter(|c| c.kind == ControlKind::Points) {
+        let path = project.resolve(&section.path);
+        let text = std::fs::read_to_string(&path).with_context(|| format!("control.path {}", path.display()))?;
+        for (number, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let fields: Vec<&str> = line.split([',', ';', ' ', '\t']).filter(|f| !f.is_empty()).collect();
+            let values: Vec<f64> = fields.iter().filter_map(|f| f.parse().ok()).collect();
+            if values.len() < 3 || values.len() != fields.len() {
+                if number == 0 {
+                    continue; // a header
+                }
+                anyhow::bail!(
+                    "{}, line {}: easting, northing, height and optionally sigma in metres are due, found \"{line}\"",
+                    path.display(),
+                    number + 1
+                );
+            }
+            points.push(ControlPoint {
+                point_m: Vector3::new(values[0], values[1], values[2]) - survey.origin(),
+                sigma_m: values.get(3).copied().unwrap_or(section.sigma_m),
+            });
+        }
+    }
+    Ok(points)
+}
+
+/// Solves for the corrections of a matched survey.
+///
+/// # Errors
+/// When there are too few ties.
+pub fn solve_strips(project: &Project, matched: &Matched, clock: &mut Clock) -> Result<Solution> {
+    let setup =
+        Setup::new(project, &matched.survey, &matched.strips, &matched.poses, matched.settings.pairing.sigma_floor_m);
+    clock.time("solve", || solve(project, setup, &matched.ties, &matched.poses))
+}
+
+/// Writes the corrected strips into `out/corrected`.
+///
+/// # Errors
+/// When a file cannot be read or written; files already complete stay.
+pub fn correct_strips(
+    project: &Project,
+    matched: &Matched,
+    solution: &Solution,
+    out: &Path,
+    progress: Progress,
+    clock: &mut Clock,
+) -> Result<Vec<FileSummary>> {
+    let folder = out.join("corrected");
+    std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    clock.time("correct", || {
+        let rule = matched.settings.grid.rule;
+        let corrections = Corrections::new(solution, &matched.strips, &matched.poses, rule, false)?;
+        let bar = progress.bar("correcting strips", matched.survey.points());
+        let files = output_names(&matched.survey)
+            .into_iter()
+            .map(|(i, name)| {
+                let file = &matched.survey.files[i];
+                correct_file(file, &folder.join(name), &corrections, project.correct.scale_m, &|n| bar.inc(n))
+            })
+            .collect();
+        bar.finish();
+        files
+    })
+}

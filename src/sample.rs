@@ -1,0 +1,171 @@
+//! A look at a few chunks of every survey before the work: what tells sources apart, how dense and how rough it is.
+
+use std::collections::{BTreeMap, HashMap};
+
+use anyhow::Result;
+use tieline_io::las::Columns;
+use tieline_matching::{PointBlock, ScannerField, SourceKey, SourceRule};
+
+use crate::project::{Project, ScannerChoice, SplitWord};
+use crate::survey::{Survey, SurveyFile};
+
+/// Chunks that are looked at.
+const CHUNKS: usize = 6;
+
+/// A few chunks in columns.
+#[derive(Debug)]
+pub struct Sample {
+    /// Number of the file and its columns.
+    pub chunks: Vec<(usize, Columns, u64)>,
+}
+
+/// A block of points of a file for matching; `zeros` stands in for times that a control surface may lack.
+#[must_use]
+pub fn block<'a>(file: &SurveyFile, columns: &'a Columns, zeros: &'a [f64], first_point: u64) -> PointBlock<'a> {
+    let header = file.las.header();
+    PointBlock {
+        x: &columns.x,
+        y: &columns.y,
+        z: &columns.z,
+        scale_m: header.scale,
+        offset_m: header.offset,
+        gps_time_s: if columns.gps_time.is_empty() { zeros } else { &columns.gps_time },
+        time_shift_s: file.time_shift_s,
+        return_number: &columns.return_number,
+        number_of_returns: &columns.number_of_returns,
+        classification: &columns.classification,
+        flags: &columns.flags,
+        scan_angle_deg: &columns.scan_angle_deg,
+        user_data: &columns.user_data,
+        point_source_id: &columns.point_source_id,
+        scanner_channel: &columns.scanner_channel,
+        intensity: &columns.intensity,
+        file: file.number,
+        first_point,
+    }
+}
+
+impl Sample {
+    /// Reads chunks spread evenly over the survey.
+    ///
+    /// # Errors
+    /// When a chunk cannot be read.
+    pub fn read(survey: &Survey) -> Result<Self> {
+        let all: Vec<(usize, usize)> = survey
+            .strip_files()
+            .enumerate()
+            .flat_map(|(f, file)| (0..file.las.chunk_count()).map(move |c| (f, c)))
+            .collect();
+        let take = CHUNKS.min(all.len());
+        let mut chunks = Vec::new();
+        let mut records = Vec::new();
+        for k in 0..take {
+            let (f, c) = all[(2 * k + 1) * all.len() / (2 * take)];
+            let las = &survey.files[f].las;
+            las.read_chunk(c, &mut records)?;
+            let mut columns = Columns::default();
+            columns.fill(&records, las.layout());
+            chunks.push((f, columns, las.chunk_points(c).start));
+        }
+        Ok(Self { chunks })
+    }
+
+    /// What tells sources apart, with the reason.
+    #[must_use]
+    pub fn source_rule(&self, project: &Project) -> (SourceRule, String) {
+        let any = |word| project.strips.iter().any(|s| s.split.has(word));
+        let auto = any(SplitWord::Auto);
+        let has_ids = self.chunks.iter().any(|(_, c, _)| c.point_source_id.iter().any(|id| *id != 0));
+        let by_point_source_id = any(SplitWord::PointSourceId) || (auto && has_ids);
+        // strips of one section may be fixed while others move: then files must be told apart
+        let some_fixed = project.strips.len() > 1 && project.strips.iter().any(|s| s.fixed);
+        let by_file = any(SplitWord::File) || some_fixed;
+        let (scanner, why) = self.scanner_field(project);
+        let split = match (by_file, by_point_source_id, auto || any(SplitWord::TimeGap)) {
+            (false, true, true) => "by point source id and gaps in time",
+            (false, true, false) => "by point source id",
+            (false, false, _) => "by gaps in time (point source ids are all 0)",
+            (true, false, _) => "by file",
+            (true, true, _) => "by file and point source id",
+        };
+        (SourceRule { by_file, by_point_source_id, scanner }, format!("strips {split}; {why}"))
+    }
+
+    fn scanner_field(&self, project: &Project) -> (ScannerField, String) {
+        let choice = project.strips.iter().map(|s| s.scanner).find(|s| *s != ScannerChoice::Auto);
+        match choice {
+            Some(ScannerChoice::Single) => return (ScannerField::Single, String::from("one scanner, as asked")),
+            Some(ScannerChoice::Channel) => {
+                return (ScannerField::Channel, String::from("scanner by channel, as asked"));
+            }
+            Some(ScannerChoice::UserData) => {
+                return (ScannerField::UserData, String::from("scanner by user data, as asked"));
+            }
+            Some(ScannerChoice::File) => return (ScannerField::File, String::from("one file a scanner, as asked")),
+            _ => {}
+        }
+        if self.alternates(|c| &c.scanner_channel) {
+            return (ScannerField::Channel, String::from("scanner by channel (several alternate in time)"));
+        }
+        if self.alternates(|c| &c.user_data) {
+            return (ScannerField::UserData, String::from("scanner by user data (several alternate in time)"));
+        }
+        (ScannerField::Single, String::from("one scanner (neither channel nor user data alternate in time)"))
+    }
+
+    /// Whether a byte takes two to four values that alternate in time within a strip, as the heads of a scanner do.
+    fn alternates(&self, field: impl Fn(&Columns) -> &Vec<u8>) -> bool {
+        self.chunks.iter().any(|(_, columns, _)| {
+            if columns.gps_time.is_empty() {
+                return false;
+            }
+            let mut by_id: BTreeMap<u16, Vec<(f64, u8)>> = BTreeMap::new();
+            for i in 0..columns.len() {
+                by_id.entry(columns.point_source_id[i]).or_default().push((columns.gps_time[i], field(columns)[i]));
+            }
+            by_id.into_values().any(|mut rows| {
+                let mut values: Vec<u8> = rows.iter().map(|r| r.1).collect();
+                values.sort_unstable();
+                values.dedup();
+                if !(2..=4).contains(&values.len()) {
+                    return false;
+                }
+                rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let changes = rows.windows(2).filter(|w| w[0].1 != w[1].1).count();
+                changes > 20.max(rows.len() / 2000)
+            })
+        })
+    }
+
+    /// Median number of last returns of one source in a cell of each width of `widths_m` that a point falls into.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation)]
+    pub fn points_per_cell(&self, survey: &Survey, rule: &SourceRule, widths_m: &[f64]) -> Vec<f64> {
+        let mut result = Vec::new();
+        for width_m in widths_m {
+            let mut counts: HashMap<(usize, SourceKey, i64, i64), u32> = HashMap::new();
+            for (chunk, (f, columns, first)) in self.chunks.iter().enumerate() {
+                let file = &survey.files[*f];
+                let block = block(file, columns, &[], *first);
+                let h = file.las.header();
+                for i in 0..columns.len() {
+                    if columns.return_number[i] >= columns.number_of_returns[i] {
+                        let x = (f64::from(columns.x[i]) * h.scale[0] / width_m).floor() as i64;
+                        let y = (f64::from(columns.y[i]) * h.scale[1] / width_m).floor() as i64;
+                        *counts.entry((chunk, rule.source(&block, i), x, y)).or_default() += 1;
+                    }
+                }
+            }
+            let mut sizes: Vec<u32> = counts.into_values().collect();
+            sizes.sort_unstable();
+            let total: u64 = sizes.iter().map(|n| u64::from(*n)).sum();
+            let mut so_far = 0;
+            let median = sizes.iter().find(|n| {
+                so_far += u64::from(**n);
+                2 * so_far >= total
+            });
+            result.push(f64::from(median.copied().unwrap_or(0)));
+        }
+        result
+    }
+}

@@ -1,0 +1,201 @@
+//! Settings that follow from the data, each with its reason; a key of the project file overrides any of them.
+
+use anyhow::Result;
+use serde::{Deserialize, Serialize};
+use tieline_matching::{
+    Accumulator, GridOptions, PairingOptions, PatchOptions, PointFilter, Returns, StripIndex, StripOptions, TileMerge,
+    patches_of_tile,
+};
+
+use crate::project::{Project, ReturnsChoice, SplitWord};
+use crate::sample::{Sample, block};
+use crate::survey::Survey;
+
+/// One setting as it is reported: key, value, reason.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    /// Key in the project file.
+    pub key: String,
+    /// Value in use.
+    pub value: String,
+    /// Where it comes from.
+    pub reason: String,
+}
+
+/// All settings of matching.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// The grid and what is summed into it.
+    pub grid: GridOptions,
+    /// What makes a patch.
+    pub patch: PatchOptions,
+    /// What makes a tie.
+    pub pairing: PairingOptions,
+    /// What tells strips apart in time.
+    pub strips: StripOptions,
+    /// Most ties.
+    pub max_ties: usize,
+    /// Least spacing of ties \[m\].
+    pub min_spacing_m: f64,
+    /// Least spacing of ties of one strip \[s\].
+    pub min_spacing_s: f64,
+    /// Share held out.
+    pub hold_out: f64,
+    /// Seed of the choice of held-out places.
+    pub seed: u64,
+    /// The list for the report.
+    pub list: Vec<Setting>,
+}
+
+/// Points of one source wanted in the smallest patch.
+const POINTS_WANTED: f64 = 8.0;
+const CELL_BITS: std::ops::RangeInclusive<u32> = 12..=17;
+
+impl Settings {
+    /// Derives the settings from a sample of the survey.
+    ///
+    /// # Errors
+    /// When the sample cannot be summed (a full temporary folder).
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // logarithms of widths, clamped
+    pub fn derive(
+        project: &Project,
+        survey: &Survey,
+        sample: &Sample,
+        memory_bytes: u64,
+        threads: usize,
+    ) -> Result<Self> {
+        let mut list = Vec::new();
+        let mut tell = |key: &str, value: String, reason: &str| {
+            list.push(Setting { key: key.to_string(), value, reason: reason.to_string() });
+        };
+        let m = &project.matching;
+        let asked = "as asked";
+        let (rule, why) = sample.source_rule(project);
+        tell("strips.split, strips.scanner", format!("{:?}", rule.scanner).to_lowercase(), &why);
+
+        let widths_m: Vec<f64> = CELL_BITS.map(|bits| f64::from(1_u32 << bits) / 16_384.0).collect();
+        let counts = sample.points_per_cell(survey, &rule, &widths_m);
+        let dense = counts.iter().position(|n| *n >= POINTS_WANTED).unwrap_or(widths_m.len() - 1);
+        let (cell_bits, reason) = match m.patch_m {
+            Some(width_m) => ((width_m.log2().round() as i32 + 14).clamp(8, 18) as u32, String::from(asked)),
+            None => {
+                (*CELL_BITS.start() + dense as u32, format!("holds {} points of one strip (median)", counts[dense]))
+            }
+        };
+        let cell_m = f64::from(1_u32 << cell_bits) / 16_384.0;
+        tell("match.patch_m", format!("{cell_m}"), &reason);
+        let levels = m.patch_levels.unwrap_or(1);
+        let largest_m = cell_m * f64::from(1_u32 << levels);
+        let reason = if m.patch_levels.is_some() { asked } else { "twice as wide where the surface is plane" };
+        tell("match.patch_levels", format!("{levels} (up to {largest_m} m)"), reason);
+
+        let filter = filter(project);
+        tell("match.returns", format!("{:?}", filter.returns).to_lowercase(), "last returns reach the hard surface");
+        // A cell takes about 170 bytes with its place in the index; half the budget is for cells.
+        let cells_in_memory = ((memory_bytes / 2 / 170) as usize / threads.max(1)).clamp(20_000, 50_000_000);
+        let grid = GridOptions { origin_m: survey.origin_m, cell_bits, cells_in_memory, filter, rule };
+
+        let min_points = m.min_points.unwrap_or(8);
+        tell("match.min_points", min_points.to_string(), "a plane with a residual that means something");
+        let strips = strip_options(project);
+        tell(
+            "strips.time_gap_s",
+            strips.time_gap_s.map_or_else(|| String::from("none"), |g| g.to_string()),
+            "a gap in time begins a new strip",
+        );
+
+        let loose = PatchOptions { levels, min_points, max_roughness_m: 0.15 };
+        let noise_m = sample_noise_m(survey, sample, &grid, strips, &loose)?;
+        let max_roughness_m = m.max_roughness_m.unwrap_or_else(|| (2.5 * noise_m).clamp(0.03, 0.08));
+        let reason = if m.max_roughness_m.is_some() {
+            String::from(asked)
+        } else {
+            format!("2.5 × the noise of smooth patches ({:.1} mm), 30 to 80 mm", noise_m * 1e3)
+        };
+        tell("match.max_roughness_m", format!("{max_roughness_m:.3}"), &reason);
+
+        let defaults = PairingOptions::default();
+        let search_m = m.search_m.unwrap_or_else(|| (0.25 * largest_m).clamp(0.3, 1.0));
+        let reason = if m.search_m.is_some() { asked } else { "a quarter of the largest patch, 0.3 to 1 m" };
+        tell("match.search_m", format!("{search_m}"), reason);
+        let normal_angle_rad = m.normal_angle_deg.map_or(defaults.normal_angle_rad, f64::to_radians);
+        let reason = if m.normal_angle_deg.is_some() { asked } else { "beyond three sigmas of the two normals" };
+        tell("match.normal_angle_deg", format!("{:.1}", normal_angle_rad.to_degrees()), reason);
+
+        let max_ties = m.max_ties.unwrap_or(12_000);
+        let reason = if m.max_ties.is_some() { asked } else { "far more than the unknowns need" };
+        tell("match.max_ties", max_ties.to_string(), reason);
+        let hold_out = m.hold_out.unwrap_or(0.2);
+        let seed = m.seed.unwrap_or(1);
+        tell("match.hold_out", format!("{hold_out} (seed {seed})"), "by place, to judge the solution");
+        Ok(Self {
+            grid,
+            patch: PatchOptions { levels, min_points, max_roughness_m },
+            pairing: PairingOptions { search_m, normal_angle_rad, ..defaults },
+            strips,
+            max_ties,
+            min_spacing_m: m.min_spacing_m.unwrap_or(0.0),
+            min_spacing_s: m.min_spacing_s.unwrap_or(0.0),
+            hold_out,
+            seed,
+            list,
+        })
+    }
+}
+
+fn strip_options(project: &Project) -> StripOptions {
+    let defaults = StripOptions::default();
+    let by_time = project.strips.iter().any(|s| s.split.has(SplitWord::Auto) || s.split.has(SplitWord::TimeGap));
+    let gap = project.strips.iter().find_map(|s| s.time_gap_s).or(defaults.time_gap_s);
+    StripOptions { time_gap_s: gap.filter(|_| by_time), ..defaults }
+}
+
+fn filter(project: &Project) -> PointFilter {
+    let m = &project.matching;
+    let mut filter = PointFilter::default();
+    if let Some(classes) = &m.exclude_classes {
+        filter.excluded_classes = [false; 256];
+        for class in classes {
+            filter.excluded_classes[usize::from(*class)] = true;
+        }
+    }
+    filter.included_classes = m.classes.as_ref().map(|classes| {
+        let mut set = Box::new([false; 256]);
+        for class in classes {
+            set[usize::from(*class)] = true;
+        }
+        set
+    });
+    filter.returns = match m.returns {
+        None | Some(ReturnsChoice::Last) => Returns::Last,
+        Some(ReturnsChoice::Single) => Returns::Single,
+        Some(ReturnsChoice::All) => Returns::All,
+    };
+    if let Some(limit) = m.max_scan_angle_deg {
+        filter.max_scan_angle_deg = limit;
+    }
+    filter
+}
+
+/// Roughness of the smoother quarter of the patches in the sample \[m\]: the noise of the scanner on smooth ground.
+fn sample_noise_m(
+    survey: &Survey,
+    sample: &Sample,
+    grid: &GridOptions,
+    strips: StripOptions,
+    patch: &PatchOptions,
+) -> Result<f64> {
+    let mut accumulator = Accumulator::new(grid.clone());
+    for (f, columns, first) in &sample.chunks {
+        accumulator.add(&block(&survey.files[*f], columns, &[], *first))?;
+    }
+    let (runs, sketches, _) = accumulator.finish();
+    let index = StripIndex::new(&sketches.into_sorted(), strips, |_, _, _| String::new());
+    let mut tiles = TileMerge::new(runs)?;
+    let mut roughness = Vec::new();
+    while let Some(cells) = tiles.next_tile()? {
+        roughness.extend(patches_of_tile(&cells, grid, &index, patch).iter().map(|p| p.roughness_m));
+    }
+    roughness.sort_by(f64::total_cmp);
+    Ok(roughness.get(roughness.len() / 4).copied().unwrap_or(0.03))
+}

@@ -1,0 +1,7 @@
+//! The stages of a job, in their order: scan → trajectory → ties → solve → correct.
+
+pub mod correct;
+pub mod scan;
+pub mod solve;
+pub mod ties;
+pub mod trajectory;

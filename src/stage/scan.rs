@@ -1,0 +1,73 @@
+//! The one pass over all points.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use tieline_io::las::Columns;
+use tieline_matching::{Accumulator, BinSketch, PassCounts, Run, Sketches, SourceKey};
+
+use crate::progress::Progress;
+use crate::sample::block;
+use crate::settings::Settings;
+use crate::survey::Survey;
+
+/// What the pass gives.
+#[derive(Debug)]
+pub struct Scan {
+    /// Sorted runs of cells.
+    pub runs: Vec<Run>,
+    /// Sketches by source and time.
+    pub sketches: Vec<((SourceKey, i64), BinSketch)>,
+    /// Counts.
+    pub counts: PassCounts,
+}
+
+/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums.
+///
+/// # Errors
+/// The first chunk that cannot be read, with its file.
+pub fn scan(survey: &Survey, settings: &Settings, progress: &Progress) -> Result<Scan> {
+    let tasks: Vec<(usize, usize)> = survey
+        .files
+        .iter()
+        .enumerate()
+        .flat_map(|(f, file)| (0..file.las.chunk_count()).map(move |c| (f, c)))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let threads = rayon::current_num_threads();
+    let total: u64 = survey.files.iter().map(|f| f.las.header().point_count).sum();
+    let bar = progress.bar("reading points", total);
+    let parts: Vec<Result<Accumulator>> = (0..threads)
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|_| {
+            let mut accumulator = Accumulator::new(settings.grid.clone());
+            let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
+            loop {
+                let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+                let file = &survey.files[*f];
+                file.las.read_chunk(*chunk, &mut records)?;
+                columns.fill(&records, file.las.layout());
+                zeros.resize(columns.len(), 0.0);
+                let points = file.las.chunk_points(*chunk);
+                accumulator
+                    .add(&block(file, &columns, &zeros, points.start))
+                    .context("a temporary file for patches cannot be written; free the disk or set TMPDIR")?;
+                bar.inc(points.end - points.start);
+            }
+            Ok(accumulator)
+        })
+        .collect();
+    bar.finish();
+    let mut scan = Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default() };
+    let mut sketches = Sketches::default();
+    for part in parts {
+        let (runs, of_thread, counts) = part?.finish();
+        scan.runs.extend(runs);
+        sketches.merge(of_thread);
+        scan.counts.merge(&counts);
+    }
+    scan.sketches = sketches.into_sorted();
+    Ok(scan)
+}

@@ -1,0 +1,139 @@
+//! The adjustment of a survey: models of rising flexibility, each solved with ties measured anew, the held-out ties
+//! as judges.
+
+mod choose;
+mod measure;
+mod setup;
+
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use tieline_graph::{
+    AdjustOptions, Adjustment, Calibration, Line, Model, PoseCorrection, TimeModel, adjust, model::Parameter,
+};
+
+pub use choose::Trial;
+pub use measure::corrected_patch;
+pub use setup::{CalibrationBlock, Setup};
+
+use crate::project::{Project, StripModelChoice};
+use crate::stage::ties::Ties;
+use crate::stage::trajectory::Poses;
+
+/// The solution of a survey.
+#[derive(Debug)]
+pub struct Solution {
+    /// What was adjusted.
+    pub setup: Setup,
+    /// The model with its estimate.
+    pub model: Model,
+    /// Its quality.
+    pub adjustment: Adjustment,
+    /// The lines as measured in the last iteration; rows match [`Solution::rows`].
+    pub lines: Vec<Line>,
+    /// The lines as measured before any correction.
+    pub lines_before: Vec<Line>,
+    /// Row of [`Ties::lines`] and ends of it for each line.
+    pub rows: Vec<(usize, Vec<usize>)>,
+    /// Models tried.
+    pub trials: Vec<Trial>,
+    /// Outer iterations of the last model.
+    pub iterations: usize,
+}
+
+/// One model solved.
+struct Solved {
+    model: Model,
+    adjustment: Adjustment,
+    lines: Vec<Line>,
+    iterations: usize,
+}
+
+/// Fewest outer iterations: ties are measured anew after each.
+const OUTER_ITERATIONS: usize = 3;
+
+impl Solution {
+    /// Correction of a strip's pose at a time.
+    #[must_use]
+    pub fn pose_correction(&self, strip: u32, time_s: f64) -> PoseCorrection {
+        self.model.pose_correction(strip as usize, time_s)
+    }
+
+    /// Correction of the scanner of a strip.
+    #[must_use]
+    pub fn calibration(&self, strip: u32, scanner: u16) -> Calibration {
+        self.model.calibration(self.setup.block(strip, scanner))
+    }
+
+    /// The unknowns.
+    #[must_use]
+    pub fn parameters(&self) -> &[Parameter] {
+        self.model.parameters()
+    }
+}
+
+/// Adjusts a survey.
+///
+/// # Errors
+/// When there are no ties, or the normal equations cannot be factorised.
+pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Result<Solution> {
+    let rows = measure::rows(ties, &setup, poses);
+    let iterations = project.solve.iterations.unwrap_or(OUTER_ITERATIONS).max(1);
+    let measured = |model: &Model| -> Vec<Line> {
+        rows.par_iter().map(|row| measure::line(row, ties, &setup, poses, model)).collect()
+    };
+    let solve_model = |time_model: Option<TimeModel>, scales: &[f64]| -> Result<Solved> {
+        let mut model = setup.model(time_model);
+        let mut scales = scales.to_vec();
+        let mut last = None;
+        for iteration in 1..=iterations + 2 {
+            let lines = measured(&model);
+            let adjustment =
+                adjust(&mut model, &lines, &scales, &AdjustOptions::default()).context("adjusting strips")?;
+            scales.clone_from(&adjustment.class_scale);
+            let settled = adjustment.last_step < 1e-3;
+            last = Some((adjustment, lines, iteration));
+            if iteration >= iterations && (settled || iteration >= iterations + 2) {
+                break;
+            }
+        }
+        let (adjustment, _, iterations) = last.context("no iteration was made")?;
+        // residuals and differences after the correction come from ties measured once more
+        let lines = measured(&model);
+        Ok(Solved { model, adjustment, lines, iterations })
+    };
+    let before = measured(&setup.model(None));
+    let ladder = ladder(project, &setup);
+    let (solved, trials) = choose::choose(&ladder, &before, solve_model)?;
+    Ok(Solution {
+        model: solved.model,
+        adjustment: solved.adjustment,
+        lines: solved.lines,
+        lines_before: before,
+        rows: rows.into_iter().map(|r| (r.line, r.ends)).collect(),
+        trials,
+        iterations: solved.iterations,
+        setup,
+    })
+}
+
+/// The models to try, from stiff to flexible.
+fn ladder(project: &Project, setup: &Setup) -> Vec<Option<TimeModel>> {
+    let longest_s = setup.strips.iter().filter(|s| !s.fixed).map(|s| s.end_s - s.start_s).fold(0.0, f64::max);
+    let knot_spacing_s = project.solve.knot_spacing_s.unwrap_or_else(|| (longest_s / 6.0).clamp(5.0, 30.0));
+    let spline = Some(TimeModel::Spline { knot_spacing_s });
+    let calibrates = project.calibrate.enabled;
+    match project.solve.strips {
+        StripModelChoice::None => vec![None],
+        StripModelChoice::Constant => vec![Some(TimeModel::Constant)],
+        StripModelChoice::Linear => vec![Some(TimeModel::Linear)],
+        StripModelChoice::Spline => vec![spline],
+        StripModelChoice::Auto => {
+            let mut models = if calibrates { vec![None] } else { Vec::new() };
+            models.extend([Some(TimeModel::Constant), Some(TimeModel::Linear)]);
+            if longest_s > 3.0 * knot_spacing_s {
+                models.push(spline);
+            }
+            models
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! From summed cells to selected ties.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use anyhow::{Context, Result};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use tieline_matching::{
+    BinSketch, End, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
+    is_held_out, normal_bin, pair, patches_of_tile, reject_by_distance, select,
+};
+
+use crate::settings::Settings;
+use crate::stage::scan::Scan;
+
+/// Strip number of a known point.
+pub const CONTROL_STRIP: u32 = u32::MAX;
+
+/// The ties of a survey.
+#[derive(Debug, Clone, Default)]
+pub struct Ties {
+    /// Lines with at least one other end, used or not.
+    pub lines: Vec<SurfaceLine>,
+    /// Rows of `lines` selected for the solution or held out.
+    pub selected: Vec<usize>,
+    /// For each selected line: whether it is held out.
+    pub held_out: Vec<bool>,
+    /// Patches found.
+    pub patches: u64,
+    /// Lines found with two ends or more.
+    pub found: u64,
+    /// Ends rejected, by reason.
+    pub rejected: BTreeMap<String, u64>,
+}
+
+/// A known point on a surface, in the local frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlPoint {
+    /// Position \[m\].
+    pub point_m: Vector3<f64>,
+    /// Sigma along any normal \[m\].
+    pub sigma_m: f64,
+}
+
+/// Tiles worked on at a time.
+const BATCH: usize = 64;
+/// Candidates kept per tie of the budget.
+const CANDIDATES: usize = 4;
+
+/// Finds, rejects and selects the surface lines of a survey.
+///
+/// # Errors
+/// When cells that were spilled to disk cannot be read back.
+pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[ControlPoint]) -> Result<Ties> {
+    let mut ties = Ties::default();
+    let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles(&scan.sketches, settings).max(1)).max(12);
+    let mut merge = TileMerge::new(scan.runs).context("reading back a temporary file")?;
+    loop {
+        let mut batch = Vec::with_capacity(BATCH);
+        while batch.len() < BATCH {
+            let Some(cells) = merge.next_tile().context("reading back a temporary file")? else { break };
+            batch.push(cells);
+        }
+        if batch.is_empty() {
+            break;
+        }
+        let found: Vec<(u64, Vec<SurfaceLine>, u64, Vec<SurfaceLine>)> = batch
+            .into_par_iter()
+            .map(|cells| {
+                let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
+                let count = patches.len() as u64;
+                add_control(&mut patches, control, settings);
+                let lines = pair(&patches, &settings.pairing);
+                let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
+                let found = tied.len() as u64;
+                (count, thin(tied, per_tile), found, loose.into_iter().take(per_tile / 4).collect())
+            })
+            .collect();
+        for (patches, tied, found, loose) in found {
+            ties.patches += patches;
+            ties.found += found;
+            ties.lines.extend(tied);
+            ties.lines.extend(loose);
+        }
+    }
+    judge(&mut ties, strips, settings);
+    Ok(ties)
+}
+
+/// Number of tiles that hold points, by the sparse sample.
+#[allow(clippy::cast_possible_truncation)]
+fn tiles(sketches: &[((SourceKey, i64), BinSketch)], settings: &Settings) -> usize {
+    let width_m = settings.grid.cell_m() * 32.0;
+    sketches
+        .iter()
+        .flat_map(|(_, bin)| bin.samples())
+        .map(|s| ((s.point_m[0] / width_m).floor() as i64, (s.point_m[1] / width_m).floor() as i64))
+        .collect::<BTreeSet<_>>()
+        .len()
+}
+
+/// A known point becomes a patch without extent of its own: it takes the plane of the patch that it lies on.
+fn add_control(patches: &mut Vec<Patch>, control: &[ControlPoint], settings: &Settings) {
+    let mut added = Vec::new();
+    for known in control {
+        let on = |p: &&Patch| {
+            let d = known.point_m - p.centroid_m;
+            let [a, b] = p.half_extent_m();
+            d.dot(&p.long_axis).abs() <= a
+                && d.dot(&p.cross_axis()).abs() <= b
+                && d.dot(&p.normal).abs() <= settings.pairing.search_m
+        };
+        if let Some(patch) = patches.iter().filter(on).max_by_key(|p| p.points) {
+            added.push(Patch {
+                sighting: Sighting { strip: CONTROL_STRIP, pass: 0, scanner: 0 },
+                centroid_m: known.point_m,
+                roughness_m: known.sigma_m * 3.0,
+                points: 9,
+                ..patch.clone()
+            });
+        }
+    }
+    patches.extend(added);
+}
+
+/// Keeps the most informative ties of a tile, in turn over the directions of their normals.
+fn thin(mut lines: Vec<SurfaceLine>, limit: usize) -> Vec<SurfaceLine> {
+    if lines.len() <= limit {
+        return lines;
+    }
+    let weight = |l: &SurfaceLine| l.used().map(|(_, p)| f64::from(p.points) / p.roughness_m.powi(2)).sum::<f64>();
+    let mut bins: BTreeMap<u8, Vec<(f64, usize)>> = BTreeMap::new();
+    for (i, line) in lines.iter().enumerate() {
+        bins.entry(normal_bin(&line.ends[0].patch.normal)).or_default().push((weight(line), i));
+    }
+    for rows in bins.values_mut() {
+        rows.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    }
+    let deepest = bins.values().map(Vec::len).max().unwrap_or(0);
+    let mut keep: Vec<usize> =
+        (0..deepest).flat_map(|rank| bins.values().filter_map(move |r| r.get(rank).map(|x| x.1))).take(limit).collect();
+    keep.sort_unstable();
+    let mut row = 0;
+    lines.retain(|_| {
+        row += 1;
+        keep.binary_search(&(row - 1)).is_ok()
+    });
+    lines
+}
+
+/// Rejects by distance, selects to the budget, holds out by place.
+fn judge(ties: &mut Ties, strips: &StripIndex, settings: &Settings) {
+    let options = RejectOptions { sigma_floor_m: settings.pairing.sigma_floor_m, ..RejectOptions::default() };
+    reject_by_distance(&mut ties.lines, Clone::clone, &options);
+    let spacing = Spacing { distance_m: settings.min_spacing_m, time_s: settings.min_spacing_s };
+    let spans: Vec<(f64, f64)> = strips.strips().iter().map(|s| (s.start_s, s.end_s)).collect();
+    ties.selected = select(&ties.lines, settings.max_ties, spacing, |strip| {
+        spans.get(strip as usize).copied().unwrap_or((0.0, 1.0))
+    });
+    let place_m = (settings.grid.cell_m() * 8.0).max(8.0);
+    ties.held_out = ties
+        .selected
+        .iter()
+        .map(|i| {
+            let known = ties.lines[*i].used().any(|(_, p)| p.sighting.strip == CONTROL_STRIP);
+            !known && is_held_out(&ties.lines[*i], settings.seed, settings.hold_out, place_m)
+        })
+        .collect();
+    let mut next = 0;
+    for (i, line) in ties.lines.iter_mut().enumerate() {
+        if ties.selected.get(next) == Some(&i) {
+            next += 1;
+        } else if line.is_tie() {
+            for end in line.ends.iter_mut().filter(|e| e.rejection.is_none()) {
+                end.rejection = Some(Rejection::Budget);
+            }
+        }
+    }
+    for End { rejection, .. } in ties.lines.iter().flat_map(|l| &l.ends) {
+        if let Some(reason) = rejection {
+            *ties.rejected.entry(reason.as_str().to_string()).or_default() += 1;
+        }
+    }
+}

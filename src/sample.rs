@@ -10,7 +10,7 @@ use crate::project::{Project, ScannerChoice, SplitWord};
 use crate::survey::{Survey, SurveyFile};
 
 /// Chunks that are looked at.
-const CHUNKS: usize = 6;
+const CHUNKS: usize = 8;
 
 /// A few chunks in columns.
 #[derive(Debug)]
@@ -56,11 +56,16 @@ impl Sample {
             .enumerate()
             .flat_map(|(f, file)| (0..file.las.chunk_count()).map(move |c| (f, c)))
             .collect();
-        let take = CHUNKS.min(all.len());
+        // spread by the golden ratio, so that no period in the order of chunks is met
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+        let mut picked: Vec<usize> = (0..CHUNKS)
+            .map(|k| ((0.5 + k as f64 * 0.618_033_988_75).fract() * all.len() as f64) as usize)
+            .collect();
+        picked.sort_unstable();
+        picked.dedup();
         let mut chunks = Vec::new();
         let mut records = Vec::new();
-        for k in 0..take {
-            let (f, c) = all[(2 * k + 1) * all.len() / (2 * take)];
+        for (f, c) in picked.into_iter().filter_map(|k| all.get(k).copied()) {
             let las = &survey.files[f].las;
             las.read_chunk(c, &mut records)?;
             let mut columns = Columns::default();
@@ -104,36 +109,36 @@ impl Sample {
             Some(ScannerChoice::File) => return (ScannerField::File, String::from("one file a scanner, as asked")),
             _ => {}
         }
-        if self.alternates(|c| &c.scanner_channel) {
-            return (ScannerField::Channel, String::from("scanner by channel (several alternate in time)"));
+        if self.shares_a_strip(|c| &c.scanner_channel) {
+            return (ScannerField::Channel, String::from("scanner by channel (several in one strip)"));
         }
-        if self.alternates(|c| &c.user_data) {
-            return (ScannerField::UserData, String::from("scanner by user data (several alternate in time)"));
+        if self.shares_a_strip(|c| &c.user_data) {
+            return (ScannerField::UserData, String::from("scanner by user data (several in one strip)"));
         }
-        (ScannerField::Single, String::from("one scanner (neither channel nor user data alternate in time)"))
+        (ScannerField::Single, String::from("one scanner (neither channel nor user data take several values in one strip)"))
     }
 
-    /// Whether a byte takes two to four values that alternate in time within a strip, as the heads of a scanner do.
-    fn alternates(&self, field: impl Fn(&Columns) -> &Vec<u8>) -> bool {
-        self.chunks.iter().any(|(_, columns, _)| {
-            if columns.gps_time.is_empty() {
-                return false;
+    /// Whether a byte takes two to four values within a strip (one point source id, no gap in time) and all returns of
+    /// a pulse have the same: so do the heads of a scanner, and flags that somebody set point by point do not.
+    #[allow(clippy::float_cmp)] // returns of one pulse have the same bits
+    fn shares_a_strip(&self, field: impl Fn(&Columns) -> &Vec<u8>) -> bool {
+        const GAP_S: f64 = 30.0;
+        let mut rows: Vec<(u16, f64, u8)> = Vec::new();
+        for (_, columns, _) in &self.chunks {
+            let row = |i: usize| (columns.point_source_id[i], columns.gps_time[i], field(columns)[i]);
+            rows.extend((0..columns.gps_time.len()).map(row));
+        }
+        rows.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        rows.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= GAP_S).any(|strip| {
+            let mut counts: BTreeMap<u8, usize> = BTreeMap::new();
+            for row in strip {
+                *counts.entry(row.2).or_default() += 1;
             }
-            let mut by_id: BTreeMap<u16, Vec<(f64, u8)>> = BTreeMap::new();
-            for i in 0..columns.len() {
-                by_id.entry(columns.point_source_id[i]).or_default().push((columns.gps_time[i], field(columns)[i]));
-            }
-            by_id.into_values().any(|mut rows| {
-                let mut values: Vec<u8> = rows.iter().map(|r| r.1).collect();
-                values.sort_unstable();
-                values.dedup();
-                if !(2..=4).contains(&values.len()) {
-                    return false;
-                }
-                rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-                let changes = rows.windows(2).filter(|w| w[0].1 != w[1].1).count();
-                changes > 20.max(rows.len() / 2000)
-            })
+            let of_pulse = strip.windows(2).filter(|w| w[0].1 == w[1].1);
+            let (same, pulses) = of_pulse.fold((0, 0), |(same, n), w| (same + usize::from(w[0].2 == w[1].2), n + 1));
+            (2..=4).contains(&counts.len())
+                && counts.values().all(|n| 20 * n >= strip.len())
+                && 100 * same >= 99 * pulses
         })
     }
 

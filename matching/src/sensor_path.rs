@@ -129,7 +129,7 @@ const LEAST_SEPARATION_M: f64 = 2.0;
 /// Fewest pairs.
 const FEWEST_PAIRS: usize = 60;
 /// Speeds of anything that carries a scanner in the air \[m/s\].
-pub(crate) const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 1.0..=160.0;
+pub(crate) const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 1.0..=250.0;
 
 struct Fit<'a> {
     pairs: &'a [ReturnPair],

@@ -121,15 +121,14 @@ fn ladder(project: &Project, setup: &Setup) -> Vec<Option<TimeModel>> {
     let longest_s = setup.strips.iter().filter(|s| !s.fixed).map(|s| s.end_s - s.start_s).fold(0.0, f64::max);
     let knot_spacing_s = project.solve.knot_spacing_s.unwrap_or_else(|| (longest_s / 6.0).clamp(5.0, 30.0));
     let spline = Some(TimeModel::Spline { knot_spacing_s });
-    let calibrates = project.calibrate.enabled;
     match project.solve.strips {
         StripModelChoice::None => vec![None],
         StripModelChoice::Constant => vec![Some(TimeModel::Constant)],
         StripModelChoice::Linear => vec![Some(TimeModel::Linear)],
         StripModelChoice::Spline => vec![spline],
         StripModelChoice::Auto => {
-            let mut models = if calibrates { vec![None] } else { Vec::new() };
-            models.extend([Some(TimeModel::Constant), Some(TimeModel::Linear)]);
+            // The prior says that every strip has its own error: the constant model is the start, not a luxury.
+            let mut models = vec![Some(TimeModel::Constant), Some(TimeModel::Linear)];
             if longest_s > 3.0 * knot_spacing_s {
                 models.push(spline);
             }

@@ -24,6 +24,14 @@
 //! | [`output`] | the files |
 //!
 //! No estimator depends on this crate: truth cannot leak.
+//!
+//! ```
+//! use tieline_simulate::{Scenario, Survey};
+//! let survey = Survey::new(&Scenario::airborne_sample())?;
+//! let echo = survey.block(0, 40)[0];
+//! assert!((echo.delivered_m - echo.true_m).norm() < 0.5); // wrong, but not by much
+//! # Ok::<(), tieline_simulate::SimulateError>(())
+//! ```
 
 mod error;
 pub mod flight;

@@ -58,9 +58,8 @@ impl Sample {
             .collect();
         // spread by the golden ratio, so that no period in the order of chunks is met
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-        let mut picked: Vec<usize> = (0..CHUNKS)
-            .map(|k| ((0.5 + k as f64 * 0.618_033_988_75).fract() * all.len() as f64) as usize)
-            .collect();
+        let mut picked: Vec<usize> =
+            (0..CHUNKS).map(|k| ((0.5 + k as f64 * 0.618_033_988_75).fract() * all.len() as f64) as usize).collect();
         picked.sort_unstable();
         picked.dedup();
         let mut chunks = Vec::new();
@@ -115,7 +114,10 @@ impl Sample {
         if self.shares_a_strip(|c| &c.user_data) {
             return (ScannerField::UserData, String::from("scanner by user data (several in one strip)"));
         }
-        (ScannerField::Single, String::from("one scanner (neither channel nor user data take several values in one strip)"))
+        (
+            ScannerField::Single,
+            String::from("one scanner (neither channel nor user data take several values in one strip)"),
+        )
     }
 
     /// Whether a byte takes two to four values within a strip (one point source id, no gap in time) and all returns of

@@ -108,12 +108,12 @@ const CALIBRATION_NAMES: [&str; 8] = [
 ];
 
 impl Model {
-    /// The model of strips (corrections over time as `time_model` says; `None`: no strip corrections at all) and
+    /// The model of strips (corrections over time as `time_models` says for each; `None`: not corrected) and
     /// calibration blocks.
     #[must_use]
     pub fn new(
         strips: &[StripSpec],
-        time_model: Option<TimeModel>,
+        time_models: &[Option<TimeModel>],
         calibrations: usize,
         terms: CalibrationTerms,
         sigmas: &CalibrationSigmas,
@@ -123,7 +123,7 @@ impl Model {
             .iter()
             .enumerate()
             .map(|(i, strip)| {
-                let model = time_model.filter(|_| !strip.fixed)?;
+                let model = time_models.get(i).copied().flatten().filter(|_| !strip.fixed)?;
                 let basis = Basis::new(model, strip.start_s, strip.end_s);
                 let first = parameters.len();
                 for k in 0..basis.count() {

@@ -111,34 +111,55 @@ fn judge(distances: &[Distance], options: &RejectOptions) -> Vec<Option<Rejectio
     let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
     let sigma_m = 1.4826 * median(&mut sizes);
     let limit_m = (options.pair_k * sigma_m).max(options.pair_floor_m);
-    let mut verdicts: Vec<Option<Rejection>> =
-        residuals.iter().map(|r| (r.abs() > limit_m).then_some(Rejection::PairOutlier)).collect();
-    let inside: Vec<usize> = (0..distances.len()).filter(|i| verdicts[*i].is_none()).collect();
-    let points: Vec<[f64; 3]> = inside.iter().map(|i| distances[*i].point_m.into()).collect();
-    let Some(count) = NonZero::new(options.neighbours + 1).filter(|n| points.len() > 2 * n.get()) else {
-        return verdicts;
+    let points: Vec<[f64; 3]> = distances.iter().map(|d| d.point_m.into()).collect();
+    let around = neighbourhoods(&points, &residuals, options.neighbours);
+    residuals
+        .iter()
+        .zip(around)
+        .map(|(r, around)| {
+            let Some((centre, spread)) = around else {
+                return (r.abs() > limit_m).then_some(Rejection::PairOutlier);
+            };
+            // Neighbours that deviate together may be an error of the trajectory over time: that is for the
+            // adjustment to judge. What deviates alone is a blunder or a surface that changed.
+            let local_m = options.neighbour_k * spread.max(sigma_m).max(0.1 * options.pair_floor_m);
+            if (r - centre).abs() <= local_m {
+                None
+            } else if r.abs() > limit_m {
+                Some(Rejection::PairOutlier)
+            } else {
+                Some(Rejection::ChangeOfSurface)
+            }
+        })
+        .collect()
+}
+
+/// Median and robust sigma of the values at the nearest neighbours of each point, itself left out; `None` where there
+/// are too few to judge by.
+fn neighbourhoods(points: &[[f64; 3]], values: &[f64], neighbours: usize) -> Vec<Option<(f64, f64)>> {
+    let Some(count) = NonZero::new(neighbours + 1).filter(|n| points.len() > 2 * n.get()) else {
+        return vec![None; points.len()];
     };
-    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&points) else { return verdicts };
-    for (k, i) in inside.iter().enumerate() {
-        let nearest = tree.query(&points[k]).nearest_n::<SquaredEuclidean<f64>>(count).execute();
-        let mut around: Vec<f64> = nearest
-            .iter()
-            .map(|n| usize::try_from(n.item).unwrap_or(usize::MAX))
-            .filter(|item| *item != k && *item < inside.len())
-            .map(|item| residuals[inside[item]])
-            .collect();
-        if around.len() < options.neighbours / 2 {
-            continue;
-        }
-        let centre = median(&mut around);
-        let mut spread: Vec<f64> = around.iter().map(|r| (r - centre).abs()).collect();
-        let local_m = 1.4826 * median(&mut spread);
-        let limit_m = options.neighbour_k * local_m.max(sigma_m).max(0.1 * options.pair_floor_m);
-        if (residuals[*i] - centre).abs() > limit_m {
-            verdicts[*i] = Some(Rejection::ChangeOfSurface);
-        }
-    }
-    verdicts
+    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return vec![None; points.len()] };
+    points
+        .iter()
+        .enumerate()
+        .map(|(k, point)| {
+            let nearest = tree.query(point).nearest_n::<SquaredEuclidean<f64>>(count).execute();
+            let mut around: Vec<f64> = nearest
+                .iter()
+                .filter_map(|n| usize::try_from(n.item).ok())
+                .filter(|item| *item != k)
+                .map(|item| values[item])
+                .collect();
+            if around.len() < neighbours / 2 {
+                return None;
+            }
+            let centre = median(&mut around);
+            let mut spread: Vec<f64> = around.iter().map(|r| (r - centre).abs()).collect();
+            Some((centre, 1.4826 * median(&mut spread)))
+        })
+        .collect()
 }
 
 /// Residuals of the distances after a small rigid motion between the two sightings (three shifts, three turns),
@@ -211,6 +232,13 @@ mod tests {
         reject_by_distance(&mut lines, Clone::clone, &RejectOptions::default());
         let lost: Vec<usize> = (0..lines.len()).filter(|k| !lines[*k].is_tie()).collect();
         assert_eq!(lost, vec![3 * 20 + 4]);
+    }
+
+    #[test]
+    fn neighbours_that_deviate_together_are_left_to_the_adjustment() {
+        let mut lines = field(|i, j| if i < 4 && j < 4 { 0.13 } else { 0.0 });
+        reject_by_distance(&mut lines, Clone::clone, &RejectOptions::default());
+        assert!(lines[20 + 1].is_tie());
     }
 
     #[test]

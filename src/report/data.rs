@@ -10,12 +10,16 @@ use crate::settings::Setting;
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Discrepancy {
     /// Median \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub median_m: f64,
     /// 1.4826 × median absolute deviation from the median \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub sigma_mad_m: f64,
     /// Root mean square \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub rms_m: f64,
     /// 95th percentile of the absolute value \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub p95_m: f64,
     /// Number.
     pub n: usize,
@@ -53,8 +57,10 @@ pub struct StripSummary {
     /// Points.
     pub points: u64,
     /// First survey time \[s\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub start_s: f64,
     /// Last survey time \[s\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub end_s: f64,
     /// First time in UTC, when the week is known.
     pub start_utc: Option<String>,
@@ -67,16 +73,22 @@ pub struct StripSummary {
     /// Where its poses come from.
     pub trajectory: String,
     /// Course \[deg\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub course_deg: f64,
     /// Speed \[m/s\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub speed_mps: f64,
     /// Height above the points \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub height_m: f64,
     /// Correction at its middle: east, north, up \[m\].
+    #[serde(deserialize_with = "super::nullable::three")]
     pub correction_enu_m: [f64; 3],
     /// Correction at its middle: rotation about east, north, up \[deg\].
+    #[serde(deserialize_with = "super::nullable::three")]
     pub rotation_enu_deg: [f64; 3],
     /// Largest correction over the prior sigma of that component.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub largest_over_prior: f64,
     /// Whether that is more than the prior makes plausible.
     pub implausible: bool,
@@ -94,8 +106,10 @@ pub struct PairSummary {
     /// The same after.
     pub after: Discrepancy,
     /// Robust shift of the second against the first before: east, north, up \[m\]; NaN where not determined.
+    #[serde(deserialize_with = "super::nullable::three")]
     pub shift_before_m: [f64; 3],
     /// The same after.
+    #[serde(deserialize_with = "super::nullable::three")]
     pub shift_after_m: [f64; 3],
 }
 
@@ -109,12 +123,16 @@ pub struct ParameterSummary {
     /// `m`, `deg` or `ppm`.
     pub unit: String,
     /// Value.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub value: f64,
     /// Sigma.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub sigma: f64,
     /// Prior sigma.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub prior_sigma: f64,
     /// Share that the ties determine: 0 is held by the prior, 1 is free of it.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub observed: f64,
 }
 
@@ -126,10 +144,13 @@ pub struct TrialSummary {
     /// Unknowns.
     pub unknowns: usize,
     /// Rms of used ties \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub used_rms_m: f64,
     /// Rms of held-out ties \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub held_out_rms_m: f64,
     /// Gain against the model in use before, in standard errors (held-out ties, by place).
+    #[serde(deserialize_with = "super::nullable::number")]
     pub gain_t: f64,
     /// Whether it was taken.
     pub taken: bool,
@@ -149,10 +170,13 @@ pub struct AdjustmentSummary {
     /// Combinations held by the prior, in words.
     pub unobservable: Vec<String>,
     /// Condition of the normal equations in units of the prior.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub condition: f64,
     /// Sigma of unit weight.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub sigma0: f64,
     /// Factor on sigmas for errors that neighbours in time have in common.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub common_mode_factor: f64,
     /// A-posteriori over a-priori sigma by tie class.
     pub class_scale: BTreeMap<String, f64>,
@@ -174,8 +198,10 @@ pub struct FileSummary {
     /// Points.
     pub points: u64,
     /// Largest shift of a point \[m\].
+    #[serde(deserialize_with = "super::nullable::number")]
     pub largest_shift_m: f64,
     /// Scale of the output \[m\].
+    #[serde(deserialize_with = "super::nullable::three")]
     pub scale_m: [f64; 3],
     /// What changed in the header, and other remarks.
     pub notes: Vec<String>,
@@ -187,6 +213,7 @@ pub struct Timing {
     /// Seconds of each stage.
     pub stage: BTreeMap<String, f64>,
     /// Points per second of the whole job.
+    #[serde(deserialize_with = "super::nullable::number")]
     pub points_per_second: f64,
 }
 

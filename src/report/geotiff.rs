@@ -2,10 +2,10 @@
 
 use std::io::Cursor;
 
+use tiff::TiffResult;
 use tiff::encoder::compression::DeflateLevel;
 use tiff::encoder::{Compression, TiffEncoder, colortype::Gray32Float};
 use tiff::tags::Tag;
-use tiff::{TiffError, TiffResult};
 
 use super::grid::Raster;
 
@@ -45,11 +45,6 @@ fn keys(epsg: Option<u32>) -> Vec<u16> {
     let mut directory = vec![1, 1, 1, keys.len() as u16];
     directory.extend(keys.into_iter().flatten());
     directory
-}
-
-/// The error as one line.
-pub(crate) fn describe(error: &TiffError) -> String {
-    error.to_string()
 }
 
 #[cfg(test)]

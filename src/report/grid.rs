@@ -41,9 +41,10 @@ impl Grid {
         let (low, high) = extent(places_m)?;
         let margin_m = margin_cells * cell_m;
         let west = ((low[0] - margin_m) / cell_m).floor();
-        let south = ((low[1] - margin_m) / cell_m).floor();
         let east = ((high[0] + margin_m) / cell_m).floor() + 1.0;
-        let north = ((high[1] + margin_m) / cell_m).floor() + 1.0;
+        // Rows count from the north: a place on an edge belongs to the row south of it.
+        let south = ((low[1] - margin_m) / cell_m).ceil() - 1.0;
+        let north = ((high[1] + margin_m) / cell_m).ceil();
         let cells = |n: f64| n.clamp(1.0, 4096.0) as u32;
         Some(Self {
             west_m: west * cell_m,
@@ -172,6 +173,9 @@ mod tests {
     #[test]
     fn a_cell_holds_the_median_of_what_falls_into_it() {
         let places = [[0.5, 0.5], [0.6, 0.4], [0.7, 0.5], [2.5, 1.5]];
+        let edges = [[0.0, 0.0], [2.0, 2.0]];
+        let around = Grid::around(&edges, 1.0, 0.0).expect("a grid");
+        assert!(edges.iter().all(|place| around.cell(*place).is_some()));
         let grid = Grid::around(&places, 1.0, 0.0).expect("a grid");
         assert_eq!((grid.columns, grid.rows), (3, 2));
         let values = [0.01, 0.05, 0.02, -0.03, f64::NAN];
@@ -188,7 +192,8 @@ mod tests {
 
     #[test]
     fn cells_are_about_as_wide_as_the_ties_are_apart() {
-        let places: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i % 100) * 10.0, f64::from(i / 100) * 10.0]).collect();
+        let places: Vec<[f64; 2]> =
+            (0..10_000).map(|i| [f64::from(i % 100) * 10.0, f64::from(i / 100) * 10.0]).collect();
         let grid = Grid::for_values(&places).expect("a grid");
         assert!((10.0..=20.0).contains(&grid.cell_m), "{}", grid.cell_m);
         let dense: Vec<[f64; 2]> = (0..250_000).map(|i| [f64::from(i % 500), f64::from(i / 500)]).collect();

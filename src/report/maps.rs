@@ -112,11 +112,8 @@ fn ties(points: &[TiePoint]) -> ImageResult<Option<Picture>> {
     let radius = (0.35 * spacing_m / cell_m).clamp(1.0, 5.0);
     let Some(grid) = Grid::around(&places, cell_m, radius + 1.0) else { return Ok(None) };
     let mut canvas = vec![NOTHING; grid.len()];
-    let classes: [(Rgba, fn(&TiePoint) -> bool); 3] = [
-        (USED, |p| !p.held_out && !p.outlier),
-        (HELD_OUT, |p| p.held_out && !p.outlier),
-        (OUTLIER, |p| p.outlier),
-    ];
+    let classes: [(Rgba, fn(&TiePoint) -> bool); 3] =
+        [(USED, |p| !p.held_out && !p.outlier), (HELD_OUT, |p| p.held_out && !p.outlier), (OUTLIER, |p| p.outlier)];
     for (colour, is_member) in classes {
         for point in points.iter().filter(|p| is_member(p)) {
             dot(&mut canvas, &grid, grid.pixel(place(point)), radius, colour);

@@ -1,3 +1,22 @@
 //! The report: one self-contained page, a summary for machines, pictures and georeferenced maps.
 
+mod colour;
 pub mod data;
+#[cfg(test)]
+mod example;
+mod findings;
+pub mod geotiff;
+mod grid;
+mod html;
+pub mod maps;
+mod nullable;
+mod number;
+pub mod page;
+mod plot;
+mod section;
+mod text;
+mod write;
+
+pub use grid::{Grid, Raster};
+pub use text::three_lines;
+pub use write::{ReportError, write_all};

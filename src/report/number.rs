@@ -91,7 +91,11 @@ pub(crate) fn duration(seconds: f64) -> String {
 #[allow(clippy::cast_precision_loss)]
 pub(crate) fn bytes(value: u64) -> String {
     let mebibytes = value as f64 / f64::from(1_u32 << 20);
-    if mebibytes < 1024.0 { format!("{} MiB", fixed(mebibytes, 0)) } else { format!("{} GiB", fixed(mebibytes / 1024.0, 2)) }
+    if mebibytes < 1024.0 {
+        format!("{} MiB", fixed(mebibytes, 0))
+    } else {
+        format!("{} GiB", fixed(mebibytes / 1024.0, 2))
+    }
 }
 
 /// The next round number (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8 × 10ⁿ) not below a positive number.

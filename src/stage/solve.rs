@@ -81,9 +81,9 @@ pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Res
     let measured = |model: &Model| -> Vec<Line> {
         rows.par_iter().map(|row| measure::line(row, ties, &setup, poses, model)).collect()
     };
-    let solve_model = |time_model: Option<TimeModel>, scales: &[f64]| -> Result<Solved> {
-        let mut model = setup.model(time_model);
-        let mut scales = scales.to_vec();
+    let solve_model = |time_models: &[Option<TimeModel>]| -> Result<Solved> {
+        let mut model = setup.model(time_models);
+        let mut scales = Vec::new();
         let mut last = None;
         for iteration in 1..=iterations + 2 {
             let lines = measured(&model);
@@ -101,9 +101,9 @@ pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Res
         let lines = measured(&model);
         Ok(Solved { model, adjustment, lines, iterations })
     };
-    let before = measured(&setup.model(None));
+    let before = measured(&setup.model(&[]));
     let ladder = ladder(project, &setup);
-    let (solved, trials) = choose::choose(&ladder, &before, solve_model)?;
+    let (solved, trials) = choose::choose(&ladder, &setup.strips, solve_model, &measured)?;
     Ok(Solution {
         model: solved.model,
         adjustment: solved.adjustment,

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use tieline_graph::{Adjustment, Line, TimeModel};
+use rayon::prelude::*;
+use tieline_graph::{AdjustOptions, Adjustment, Line, Model, StripSpec, TimeModel, adjust};
+use tieline_matching::mix;
 
 use super::Solved;
 use crate::report::data::Discrepancy;
@@ -13,6 +15,8 @@ use crate::report::data::Discrepancy;
 pub struct Trial {
     /// The model of the strips; `None`: calibration only.
     pub model: Option<TimeModel>,
+    /// Strips that it was given to.
+    pub strips: usize,
     /// Unknowns.
     pub unknowns: usize,
     /// Differences of used ties.
@@ -29,8 +33,12 @@ pub struct Trial {
 
 /// Gain in standard errors that the more flexible model must show.
 const LEAST_GAIN_T: f64 = 2.0;
+/// The same for one strip, tried among many.
+const STRIP_GAIN_T: f64 = 3.0;
 /// Relative gain in the held-out loss below which it is not worth the unknowns.
 const LEAST_GAIN: f64 = 0.002;
+/// Parts that are held out in turn.
+const FOLDS: u64 = 5;
 
 /// What a model is called.
 pub(super) fn name(model: Option<TimeModel>) -> String {
@@ -42,51 +50,97 @@ pub(super) fn name(model: Option<TimeModel>) -> String {
     }
 }
 
-/// Solves the models of a ladder from stiff to flexible; a step up is taken when the held-out ties agree.
+/// Loss by strip and place.
+type Losses = BTreeMap<(Option<usize>, (i64, i64)), f64>;
+
+/// Solves the models of a ladder from stiff to flexible. A strip steps up where held-out ties agree that it is better
+/// for them: each fifth of the places is held out in turn and judged by the solution of the others. The mixture that
+/// comes out must itself be better than the model before.
 pub(super) fn choose(
     ladder: &[Option<TimeModel>],
-    before: &[Line],
-    solve: impl Fn(Option<TimeModel>, &[f64]) -> Result<Solved>,
+    strips: &[StripSpec],
+    solve: impl Fn(&[Option<TimeModel>]) -> Result<Solved>,
+    measured: &(dyn Fn(&Model) -> Vec<Line> + Sync),
 ) -> Result<(Solved, Vec<Trial>)> {
-    let mut trials: Vec<Trial> = Vec::new();
-    let mut best: Option<(Solved, usize)> = None;
-    let none_held_out = !before.iter().any(|l| l.held_out);
-    for model in ladder {
-        let solved = solve(*model, &[])?;
-        let used = Discrepancy::of(&differences(&solved.lines, &solved.adjustment, |l| !l.held_out));
-        let held_out = Discrepancy::of(&differences(&solved.lines, &solved.adjustment, |l| l.held_out));
-        let (gain, gain_t) = best.as_ref().map_or((f64::INFINITY, f64::INFINITY), |(b, _)| gain(b, &solved));
-        let agrees = gain_t >= LEAST_GAIN_T && gain >= LEAST_GAIN;
-        let (taken, reason) = match (&best, none_held_out) {
-            (None, _) => (true, String::from("the stiffest")),
-            (_, true) => (false, String::from("no tie is held out to judge it (match.hold_out)")),
-            _ if agrees => {
-                (true, format!("held-out ties agree: {:.1} % less misfit, {gain_t:.1} standard errors", gain * 100.0))
-            }
-            _ => (
-                false,
-                format!(
-                    "held-out ties do not ask for it ({:+.1} % misfit, {gain_t:.1} standard errors)",
-                    -gain * 100.0
-                ),
-            ),
+    let Some((stiffest, more)) = ladder.split_first() else { anyhow::bail!("no model to solve") };
+    let mut models = vec![*stiffest; strips.len()];
+    let mut best = solve(&models)?;
+    let scales = best.adjustment.class_scale.clone();
+    let mut trials =
+        vec![trial(&best, *stiffest, models.len(), if more.is_empty() { "as asked" } else { "the stiffest" })];
+    let mut taken = 0;
+    if more.is_empty() {
+        trials[0].taken = true;
+        return Ok((best, trials));
+    }
+    let mut best_losses = cross_validated(&best, &scales, measured)?;
+    for model in more {
+        let able = |i: usize| !strips[i].fixed && spans(*model, &strips[i]);
+        let flexible: Vec<_> = (0..strips.len()).map(|i| if able(i) { *model } else { models[i] }).collect();
+        let all = solve(&flexible)?;
+        let all_losses = cross_validated(&all, &scales, measured)?;
+        let wanted: Vec<bool> = (0..strips.len())
+            .map(|i| able(i) && agrees(gain(&best_losses, &all_losses, |strip| strip == Some(i)), STRIP_GAIN_T))
+            .collect();
+        let count = wanted.iter().filter(|w| **w).count();
+        if count == 0 {
+            let (g, t) = gain(&best_losses, &all_losses, |_| true);
+            let reason = format!(
+                "held-out ties of no strip ask for it ({:+.1} % misfit over all, {t:+.1} standard errors)",
+                -100.0 * g
+            );
+            trials.push(Trial { gain_t: t, ..trial(&all, *model, 0, &reason) });
+            continue;
+        }
+        let mixed: Vec<_> = (0..strips.len()).map(|i| if wanted[i] { *model } else { models[i] }).collect();
+        let (solved, losses) = if mixed == flexible {
+            (all, all_losses)
+        } else {
+            let solved = solve(&mixed)?;
+            let losses = cross_validated(&solved, &scales, measured)?;
+            (solved, losses)
         };
-        trials.push(Trial {
-            model: *model,
-            unknowns: solved.model.count(),
-            used,
-            held_out,
-            gain_t,
-            taken: false,
-            reason,
-        });
-        if taken {
-            best = Some((solved, trials.len() - 1));
+        let (g, t) = gain(&best_losses, &losses, |_| true);
+        let good = agrees((g, t), LEAST_GAIN_T);
+        let verdict = if good { "held-out ties agree" } else { "held-out ties do not agree" };
+        let reason = format!(
+            "{verdict} for {count} of {} strips: {:+.1} % misfit, {t:+.1} standard errors",
+            strips.len(),
+            -100.0 * g
+        );
+        trials.push(Trial { gain_t: t, ..trial(&solved, *model, count, &reason) });
+        if good {
+            (best, best_losses, models) = (solved, losses, mixed);
+            taken = trials.len() - 1;
         }
     }
-    let Some((solved, row)) = best else { anyhow::bail!("no model to solve") };
-    trials[row].taken = true;
-    Ok((solved, trials))
+    trials[taken].taken = true;
+    Ok((best, trials))
+}
+
+/// A spline needs a strip that is longer than its support.
+fn spans(model: Option<TimeModel>, strip: &StripSpec) -> bool {
+    match model {
+        Some(TimeModel::Spline { knot_spacing_s }) => strip.end_s - strip.start_s > 3.0 * knot_spacing_s,
+        _ => true,
+    }
+}
+
+fn agrees((gain, t): (f64, f64), least_t: f64) -> bool {
+    gain >= LEAST_GAIN && t >= least_t
+}
+
+fn trial(solved: &Solved, model: Option<TimeModel>, strips: usize, reason: &str) -> Trial {
+    Trial {
+        model,
+        strips,
+        unknowns: solved.model.count(),
+        used: Discrepancy::of(&differences(&solved.lines, &solved.adjustment, |l| !l.held_out)),
+        held_out: Discrepancy::of(&differences(&solved.lines, &solved.adjustment, |l| l.held_out)),
+        gain_t: 0.0,
+        taken: false,
+        reason: reason.to_string(),
+    }
 }
 
 /// All differences between ends in use of the lines wanted \[m\].
@@ -105,44 +159,83 @@ pub(super) fn differences(lines: &[Line], adjustment: &Adjustment, wanted: impl 
     all
 }
 
-/// Robust loss of the held-out lines in squares of 20 m: Huber's, of offsets from the line's weighted mean.
-fn losses(solved: &Solved) -> BTreeMap<(i64, i64), f64> {
+/// Robust loss of the lines wanted, in squares of 10 m: Huber's, of offsets from each line's weighted mean, in
+/// sigmas scaled by class.
+fn losses(lines: &[Line], scales: &[f64], wanted: impl Fn(usize) -> bool) -> Losses {
+    const HUBER_K: f64 = 3.0;
     let mut losses = BTreeMap::new();
-    for line in solved.lines.iter().filter(|l| l.held_out && l.ends.len() >= 2) {
-        let scale = solved.adjustment.class_scale.get(line.class).copied().unwrap_or(1.0);
-        // one scale for all models would need a reference; offsets are weighed by a-priori sigmas only
-        let _ = scale;
+    for line in lines.iter().enumerate().filter(|(i, l)| wanted(*i) && l.ends.len() >= 2).map(|(_, l)| l) {
+        let scale = scales.get(line.class).copied().unwrap_or(1.0);
         let weights: Vec<f64> = line.ends.iter().map(|e| e.sigma_m.powi(-2)).collect();
         let total: f64 = weights.iter().sum();
         let mean = line.ends.iter().zip(&weights).map(|(e, w)| e.offset_m * w).sum::<f64>() / total;
-        let point = line.ends[0].point_m;
-        #[allow(clippy::cast_possible_truncation)]
-        let place = ((point.x / 20.0).floor() as i64, (point.y / 20.0).floor() as i64);
-        let loss: f64 = line
-            .ends
-            .iter()
-            .map(|e| {
-                let t = ((e.offset_m - mean) / e.sigma_m).abs();
-                let k = 6.0; // a-priori sigmas are small against real surfaces
-                if t < k { t * t } else { k * (2.0 * t - k) }
-            })
-            .sum();
-        *losses.entry(place).or_insert(0.0) += loss;
+        let loss = |offset_m: f64, sigma_m: f64| {
+            let t = ((offset_m - mean) / (sigma_m * scale)).abs();
+            if t < HUBER_K { t * t } else { HUBER_K * (2.0 * t - HUBER_K) }
+        };
+        for end in &line.ends {
+            *losses.entry((end.strip, place(line))).or_insert(0.0) += loss(end.offset_m, end.sigma_m);
+        }
     }
     losses
 }
 
-/// Relative gain of the second over the first in held-out loss, and that gain in standard errors over places.
+#[allow(clippy::cast_possible_truncation)]
+fn place(line: &Line) -> (i64, i64) {
+    let point = line.ends.first().map_or_else(nalgebra::Vector3::zeros, |e| e.point_m);
+    ((point.x / 10.0).floor() as i64, (point.y / 10.0).floor() as i64)
+}
+
+/// Loss of every line by a solution that was made without its place: each fifth of the places held out in turn.
+pub(super) fn cross_validated(
+    solved: &Solved,
+    scales: &[f64],
+    measured: &(dyn Fn(&Model) -> Vec<Line> + Sync),
+) -> Result<Losses> {
+    let fold_of = |line: &Line| {
+        let (x, y) = place(line);
+        #[allow(clippy::cast_sign_loss)]
+        let hash = mix(mix(x as u64) ^ y as u64);
+        hash % FOLDS
+    };
+    let folds: Vec<Result<Losses>> = (0..FOLDS)
+        .into_par_iter()
+        .map(|fold| {
+            let mut lines = solved.lines.clone();
+            for line in &mut lines {
+                line.held_out = fold_of(line) == fold;
+            }
+            let mut model = solved.model.clone();
+            adjust(&mut model, &lines, &solved.adjustment.class_scale, &AdjustOptions::default())?;
+            let after = measured(&model);
+            Ok(losses(&after, scales, |i| lines[i].held_out))
+        })
+        .collect();
+    let mut all = BTreeMap::new();
+    for fold in folds {
+        all.extend(fold?);
+    }
+    Ok(all)
+}
+
+/// Relative gain of the second over the first in the loss of the strips wanted, and that gain in standard errors over
+/// places.
 #[allow(clippy::cast_precision_loss)]
-fn gain(first: &Solved, second: &Solved) -> (f64, f64) {
-    let (a, b) = (losses(first), losses(second));
-    let differences: Vec<f64> = a.iter().map(|(place, loss)| loss - b.get(place).copied().unwrap_or(*loss)).collect();
-    let n = differences.len() as f64;
-    if n < 4.0 {
+fn gain(first: &Losses, second: &Losses, wanted: impl Fn(Option<usize>) -> bool) -> (f64, f64) {
+    let mut places: BTreeMap<(i64, i64), f64> = BTreeMap::new();
+    let mut total = 0.0;
+    for ((strip, place), loss) in first.iter().filter(|((strip, _), _)| wanted(*strip)) {
+        if let Some(other) = second.get(&(*strip, *place)) {
+            *places.entry(*place).or_insert(0.0) += loss - other;
+            total += loss;
+        }
+    }
+    let n = places.len() as f64;
+    if n < 6.0 {
         return (0.0, 0.0);
     }
-    let sum: f64 = differences.iter().sum();
+    let sum: f64 = places.values().sum();
     let mean = sum / n;
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (sum / a.values().sum::<f64>().max(1e-12), mean / (variance / n).sqrt().max(1e-12))
+    let variance = places.values().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (sum / total.max(1e-12), mean / (variance / n).sqrt().max(1e-12))
 }

@@ -130,8 +130,8 @@ impl Setup {
 
     /// A model of this setup, at zero.
     #[must_use]
-    pub fn model(&self, time_model: Option<TimeModel>) -> Model {
-        Model::new(&self.strips, time_model, self.blocks.len(), self.terms, &self.sigmas)
+    pub fn model(&self, time_models: &[Option<TimeModel>]) -> Model {
+        Model::new(&self.strips, time_models, self.blocks.len(), self.terms, &self.sigmas)
     }
 }
 

@@ -118,6 +118,7 @@ fn what_cannot_be_used_is_refused_with_its_remedy() {
         ("EPSG:4978", "EPSG"),
         ("PROJCS[\"x\"]", "definition"),
         ("", "EPSG:25832"),
+        ("+proj=lcc +lat_0=46.'כ\"", "EPSG:25832"),
     ] {
         let error = Crs::parse(text).expect_err(text).to_string();
         assert!(error.contains(word), "{text}: {error}");

@@ -108,6 +108,10 @@ impl Crs {
             words().find_map(|word| word.strip_prefix(key)?.strip_prefix('=')).map(str::to_string)
         };
         let name = name.to_string();
+        if !text.is_ascii() {
+            // proj4rs cuts angles at bytes and panics inside of a character.
+            return Err(CrsError::NotUnderstood { text: beginning(text) });
+        }
         // LAS holds easting first whatever the definition prefers; west and south cannot be undone by order.
         if let Some(axes) = parameter("axis").filter(|axes| !matches!(axes.as_str(), "enu" | "neu")) {
             return Err(CrsError::Axes { name, axes });

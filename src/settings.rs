@@ -122,7 +122,7 @@ impl Settings {
         let reason = if m.normal_angle_deg.is_some() { asked } else { "beyond three sigmas of the two normals" };
         tell("match.normal_angle_deg", format!("{:.1}", normal_angle_rad.to_degrees()), reason);
 
-        let max_ties = m.max_ties.unwrap_or(12_000);
+        let max_ties = m.max_ties.unwrap_or(6_000);
         let reason = if m.max_ties.is_some() { asked } else { "far more than the unknowns need" };
         tell("match.max_ties", max_ties.to_string(), reason);
         let hold_out = m.hold_out.unwrap_or(0.2);

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::model::Model;
-use crate::normal::{Factor, NotPositiveDefinite, Pattern, Reduced};
+use crate::normal::{Factor, NotPositiveDefinite, Pattern, Reduced, Shape};
 use crate::observability::Observability;
 use crate::observation::Line;
 
@@ -94,7 +94,7 @@ pub enum AdjustmentError {
 
 struct Work<'a> {
     lines: &'a [Line],
-    rows: Vec<Vec<Vec<(usize, f64)>>>,
+    shapes: Vec<Shape>,
     scale: Vec<f64>,
     classes: usize,
 }
@@ -117,14 +117,17 @@ pub fn adjust(
     }
     let classes = lines.iter().map(|line| line.class + 1).max().unwrap_or(1);
     let mut scales: Vec<f64> = (0..classes).map(|c| class_scale.get(c).copied().unwrap_or(1.0)).collect();
-    let rows = lines.par_iter().map(|line| line.ends.iter().map(|e| model.row(e, &line.normal)).collect()).collect();
     let scale: Vec<f64> = model.parameters().iter().map(|p| p.prior_sigma).collect();
-    let work = Work { lines, rows, scale, classes };
+    let shapes = lines
+        .par_iter()
+        .map(|line| Shape::new(&line.ends.iter().map(|e| model.row(e, &line.normal)).collect::<Vec<_>>(), &scale))
+        .collect();
+    let work = Work { lines, shapes, scale, classes };
     let start = DVector::from_fn(model.count(), |i, _| model.state()[i] / work.scale[i]);
     let mut factors: Vec<Vec<f64>> = lines.iter().map(|line| vec![1.0; line.ends.len()]).collect();
     let pattern = {
         let reduced = work.reduced(&factors, &scales);
-        Pattern::new(model.count(), reduced.iter().map(|line| line.columns.as_slice()))?
+        Pattern::new(model.count(), reduced.iter().map(|line| line.columns()))?
     };
     let mut step = DVector::zeros(model.count());
     for iteration in 0..options.huber_iterations + options.tukey_iterations {
@@ -235,13 +238,13 @@ impl Work<'_> {
         line.ends.iter().zip(factors).map(|(e, f)| f / (e.sigma_m * scales[line.class]).powi(2)).collect()
     }
 
-    fn reduce(&self, i: usize, factors: &[f64], scales: &[f64]) -> Reduced {
+    fn reduce(&self, i: usize, factors: &[f64], scales: &[f64]) -> Reduced<'_> {
         let offsets: Vec<f64> = self.lines[i].ends.iter().map(|e| e.offset_m).collect();
-        Reduced::new(&self.rows[i], &offsets, &self.weights(i, factors, scales), &self.scale)
+        Reduced::new(&self.shapes[i], &offsets, &self.weights(i, factors, scales))
     }
 
     /// The lines in the solution, landmarks eliminated.
-    fn reduced(&self, factors: &[Vec<f64>], scales: &[f64]) -> Vec<Reduced> {
+    fn reduced(&self, factors: &[Vec<f64>], scales: &[f64]) -> Vec<Reduced<'_>> {
         let used = |i: &usize| !self.lines[*i].held_out && factors[*i].iter().filter(|f| **f > 0.0).count() >= 2;
         let rows: Vec<usize> = (0..self.lines.len()).filter(used).collect();
         rows.par_iter().map(|i| self.reduce(*i, &factors[*i], scales)).collect()
@@ -253,8 +256,7 @@ impl Work<'_> {
             .into_par_iter()
             .map(|i| {
                 let line = self.reduce(i, &factors[i], scales);
-                let local = DVector::from_fn(line.columns.len(), |k, _| step[line.columns[k]]);
-                let v = &line.misclosure + &line.design * local;
+                let v = line.residuals(step);
                 let total: f64 = line.weights.iter().sum();
                 (0..v.len())
                     .map(|k| {
@@ -279,17 +281,14 @@ impl Work<'_> {
             .into_par_iter()
             .map(|i| {
                 let line = self.reduce(i, &factors[i], scales);
-                let m = line.columns.len();
-                let local = DVector::from_fn(m, |k, _| step[line.columns[k]]);
-                let v = &line.misclosure + &line.design * local;
-                let cofactor = DMatrix::from_fn(m, m, |a, b| inverse[(line.columns[a], line.columns[b])]);
-                let projected = &line.design * cofactor;
+                let v = line.residuals(step);
+                let projected = line.projected(inverse);
                 let total: f64 = line.weights.iter().sum();
                 let sign = if self.lines[i].held_out { 1.0 } else { -1.0 };
                 (0..v.len())
                     .map(|k| {
                         let w = 1.0 / (self.lines[i].ends[k].sigma_m * scales[self.lines[i].class]).powi(2);
-                        let model = w * projected.row(k).dot(&line.design.row(k));
+                        let model = w * projected[k];
                         if factors[i][k] > 0.0 {
                             (v[k], (1.0 - w / total.max(w) + sign * model).max(1e-3))
                         } else {

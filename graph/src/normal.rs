@@ -12,55 +12,139 @@ use faer::{Mat, Par, Side};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// One line with its landmark eliminated: unknowns, design rows and misclosures about their weighted means.
+/// Design rows of a line: which unknowns its ends depend on, and how. Does not change with the weights.
 #[derive(Debug, Clone)]
-pub struct Reduced {
+pub struct Shape {
     /// Sorted indices of the unknowns in the line.
     pub columns: Vec<usize>,
-    /// Design rows of the ends (ends × columns), in prior units, less their weighted mean.
-    pub design: DMatrix<f64>,
+    /// Design rows of the ends in prior units: place in `columns` and value, sorted by place.
+    rows: Vec<Vec<(usize, f64)>>,
+}
+
+impl Shape {
+    /// The shape of rows as [`crate::Model::row`] gives them; `scale` are the prior sigmas.
+    #[must_use]
+    pub fn new(rows: &[Vec<(usize, f64)>], scale: &[f64]) -> Self {
+        let mut columns: Vec<usize> = rows.iter().flatten().map(|(index, _)| *index).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        let rows = rows
+            .iter()
+            .map(|row| {
+                let mut local: Vec<(usize, f64)> = row
+                    .iter()
+                    .map(|(index, value)| (columns.partition_point(|c| c < index), value * scale[*index]))
+                    .collect();
+                local.sort_unstable_by_key(|(column, _)| *column);
+                local
+            })
+            .collect();
+        Self { columns, rows }
+    }
+}
+
+/// One line with its landmark eliminated: the weighted mean of its ends is taken off.
+#[derive(Debug, Clone)]
+pub struct Reduced<'a> {
+    shape: &'a Shape,
+    /// Weighted mean of the design rows.
+    mean_row: Vec<f64>,
     /// Misclosures \[m\], less their weighted mean.
-    pub misclosure: DVector<f64>,
+    misclosure: Vec<f64>,
     /// Weights \[1/m²\].
     pub weights: Vec<f64>,
 }
 
-impl Reduced {
-    /// Eliminates the landmark of a line. `rows` are those of [`crate::Model::row`], `scale` the prior sigmas.
+impl<'a> Reduced<'a> {
+    /// Eliminates the landmark of a line.
     ///
     /// With weights w the offset of the surface is `D = Σ w (l + J x) / Σ w`; what remains are deviations from the
     /// weighted mean (the Schur complement of the landmark).
     #[must_use]
-    pub fn new(rows: &[Vec<(usize, f64)>], misclosure: &[f64], weights: &[f64], scale: &[f64]) -> Self {
-        let mut columns: Vec<usize> = rows.iter().flatten().map(|(index, _)| *index).collect();
-        columns.sort_unstable();
-        columns.dedup();
-        let mut design = DMatrix::zeros(rows.len(), columns.len());
-        for (i, row) in rows.iter().enumerate() {
-            for (index, value) in row {
-                let column = columns.partition_point(|c| c < index);
-                design[(i, column)] += value * scale[*index];
-            }
-        }
+    pub fn new(shape: &'a Shape, misclosure: &[f64], weights: &[f64]) -> Self {
         let total: f64 = weights.iter().sum();
-        let mut misclosure = DVector::from_column_slice(misclosure);
+        let mut mean_row = vec![0.0; shape.columns.len()];
+        let mut mean = 0.0;
         if total > 0.0 {
-            for mut column in design.column_iter_mut() {
-                let mean = column.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / total;
-                column.add_scalar_mut(-mean);
+            for ((row, l), w) in shape.rows.iter().zip(misclosure).zip(weights) {
+                for (column, value) in row {
+                    mean_row[*column] += value * w / total;
+                }
+                mean += l * w / total;
             }
-            let mean = misclosure.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / total;
-            misclosure.add_scalar_mut(-mean);
         }
-        Self { columns, design, misclosure, weights: weights.to_vec() }
+        let misclosure = misclosure.iter().map(|l| l - mean).collect();
+        Self { shape, mean_row, misclosure, weights: weights.to_vec() }
     }
 
-    fn normal(&self) -> (DMatrix<f64>, DVector<f64>) {
-        let mut weighted = self.design.clone();
-        for (mut row, w) in weighted.row_iter_mut().zip(&self.weights) {
-            row *= *w;
+    /// Sorted indices of the unknowns in the line.
+    #[must_use]
+    pub fn columns(&self) -> &'a [usize] {
+        &self.shape.columns
+    }
+
+    /// Number of ends.
+    #[must_use]
+    pub fn ends(&self) -> usize {
+        self.shape.rows.len()
+    }
+
+    /// Offsets from the weighted mean \[m\] after a step of all unknowns, in prior units.
+    #[must_use]
+    pub fn residuals(&self, step: &DVector<f64>) -> Vec<f64> {
+        let local: Vec<f64> = self.shape.columns.iter().map(|c| step[*c]).collect();
+        let mean: f64 = self.mean_row.iter().zip(&local).map(|(a, b)| a * b).sum();
+        self.shape
+            .rows
+            .iter()
+            .zip(&self.misclosure)
+            .map(|(row, l)| l + row.iter().map(|(column, value)| value * local[*column]).sum::<f64>() - mean)
+            .collect()
+    }
+
+    /// Variance of each end's computed value (less the mean) by the cofactors of the unknowns \[m²\].
+    #[must_use]
+    pub fn projected(&self, inverse: &DMatrix<f64>) -> Vec<f64> {
+        let cofactor = |a: usize, b: usize| inverse[(self.shape.columns[a], self.shape.columns[b])];
+        let n = self.shape.columns.len();
+        let of_mean: Vec<f64> =
+            (0..n).map(|a| (0..n).map(|b| cofactor(a, b) * self.mean_row[b]).sum::<f64>()).collect();
+        let mean: f64 = self.mean_row.iter().zip(&of_mean).map(|(a, b)| a * b).sum();
+        self.shape
+            .rows
+            .iter()
+            .map(|row| {
+                let own: f64 =
+                    row.iter().map(|(a, x)| row.iter().map(|(b, y)| x * y * cofactor(*a, *b)).sum::<f64>()).sum();
+                let cross: f64 = row.iter().map(|(a, x)| x * of_mean[*a]).sum();
+                (own - 2.0 * cross + mean).max(0.0)
+            })
+            .collect()
+    }
+
+    /// Lower triangle of the small normal matrix and its right-hand side.
+    ///
+    /// `Σ w (J - m)ᵀ (J - m) = Σ w Jᵀ J - W mᵀ m`: the rows stay sparse.
+    fn normal(&self) -> (DMatrix<f64>, Vec<f64>) {
+        let n = self.shape.columns.len();
+        let mut normal = DMatrix::zeros(n, n);
+        let mut right = vec![0.0; n];
+        let total: f64 = self.weights.iter().sum();
+        for ((row, l), w) in self.shape.rows.iter().zip(&self.misclosure).zip(&self.weights) {
+            for (k, (a, x)) in row.iter().enumerate() {
+                right[*a] += x * w * l; // Σ w l = 0, so that the mean row adds nothing
+                for (b, y) in &row[k..] {
+                    normal[(*b, *a)] += x * y * w;
+                }
+            }
         }
-        (weighted.tr_mul(&self.design), weighted.tr_mul(&self.misclosure))
+        for a in 0..n {
+            let x = self.mean_row[a] * total;
+            for b in a..n {
+                normal[(b, a)] -= x * self.mean_row[b];
+            }
+        }
+        (normal, right)
     }
 }
 
@@ -143,7 +227,7 @@ impl Pattern {
     /// [`NotPositiveDefinite`].
     pub fn factorise(
         &self,
-        lines: &[Reduced],
+        lines: &[Reduced<'_>],
         prior_state: &DVector<f64>,
     ) -> Result<(Factor, DVector<f64>), NotPositiveDefinite> {
         let mut values = vec![0.0; self.row_index.len()];
@@ -152,10 +236,10 @@ impl Pattern {
             values[self.column_start[column]] = 1.0; // the diagonal comes first in a lower column
         }
         for batch in lines.chunks(BATCH) {
-            let parts: Vec<_> = batch.par_iter().map(Reduced::normal).collect();
+            let parts: Vec<_> = batch.par_iter().map(|line| line.normal()).collect();
             for (line, (normal, b)) in batch.iter().zip(parts) {
-                self.scatter(&line.columns, &normal, &mut values);
-                for (k, column) in line.columns.iter().enumerate() {
+                self.scatter(line.columns(), &normal, &mut values);
+                for (k, column) in line.columns().iter().enumerate() {
                     right[*column] -= b[k];
                 }
             }
@@ -240,8 +324,9 @@ mod tests {
     fn eliminating_the_landmark_changes_nothing() {
         let rows = vec![vec![(0, 1.0), (2, 0.5)], vec![(1, -0.7), (2, 2.0)], vec![(3, 1.0)]];
         let (l, w) = ([0.3, -0.1, 0.2], [1.0, 4.0, 2.5]);
-        let line = Reduced::new(&rows, &l, &w, &[1.0; 4]);
-        let pattern = Pattern::new(4, std::iter::once(line.columns.as_slice())).expect("small");
+        let shape = Shape::new(&rows, &[1.0; 4]);
+        let line = Reduced::new(&shape, &l, &w);
+        let pattern = Pattern::new(4, std::iter::once(line.columns())).expect("small");
         let (factor, right) = pattern.factorise(&[line], &DVector::zeros(4)).expect("regular");
         let difference = factor.solve(&right) - dense(&rows, &l, &w, 4);
         assert!(difference.norm() < 1e-14, "{difference}");

@@ -1,1 +1,31 @@
-fn main() {}
+//! Proofs, man pages and completions: `cargo run --release -p xtask -- prove strips`.
+
+mod prove;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(about = "Proofs, man pages and completions of tieline")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Runs every line of a proof; prints name, value, bound, pass or fail; fails if any fails
+    Prove {
+        /// Which proof
+        #[arg(value_parser = ["strips"])]
+        what: String,
+        /// Only the lines whose name begins with this
+        #[arg(long)]
+        only: Option<String>,
+    },
+}
+
+fn main() -> anyhow::Result<()> {
+    match Arguments::parse().task {
+        Task::Prove { only, .. } => prove::strips(only.as_deref()),
+    }
+}

@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use nalgebra::Vector3;
-use tieline_matching::{CONTROL_FILE, SourceKey, StripIndex, geometry::StripBox};
+use tieline_graph::Model;
+use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
 
 use crate::progress::Progress;
 use crate::project::{ControlKind, Project};
 use crate::report::data::{FileSummary, Timing};
 use crate::sample::Sample;
-use crate::settings::Settings;
+use crate::settings::{Setting, Settings};
 use crate::stage::correct::{Corrections, correct_file, output_names};
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
@@ -62,8 +63,12 @@ impl Clock {
 pub struct Matched {
     /// The survey.
     pub survey: Survey,
-    /// Settings in use.
-    pub settings: Settings,
+    /// What tells sources apart.
+    pub rule: SourceRule,
+    /// Floor of the sigma of a tie end \[m\].
+    pub sigma_floor_m: f64,
+    /// Settings with their reasons.
+    pub settings: Vec<Setting>,
     /// Strips.
     pub strips: StripIndex,
     /// Their poses.
@@ -93,7 +98,8 @@ pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) 
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
     let ties = clock.time("ties", || find(scanned, &strips, &settings, &control))?;
-    Ok(Matched { survey, settings, strips, poses, ties, points })
+    let (rule, sigma_floor_m, settings) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.list);
+    Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, points })
 }
 
 /// Name of a strip: what tells it apart, with a number when one source has several strips.
@@ -164,33 +170,37 @@ fn control_points(project: &Project, survey: &Survey) -> Result<Vec<ControlPoint
     Ok(points)
 }
 
+/// Strips, scanners and priors of a matched survey.
+#[must_use]
+pub fn setup_of(project: &Project, matched: &Matched) -> Setup {
+    Setup::new(project, &matched.survey, &matched.strips, &matched.poses, matched.sigma_floor_m)
+}
+
 /// Solves for the corrections of a matched survey.
 ///
 /// # Errors
 /// When there are too few ties.
 pub fn solve_strips(project: &Project, matched: &Matched, clock: &mut Clock) -> Result<Solution> {
-    let setup =
-        Setup::new(project, &matched.survey, &matched.strips, &matched.poses, matched.settings.pairing.sigma_floor_m);
+    let setup = setup_of(project, matched);
     clock.time("solve", || solve(project, setup, &matched.ties, &matched.poses))
 }
 
-/// Writes the corrected strips into `out/corrected`.
+/// Writes the corrected strips into `out/corrected`; with `inverse` the corrections are taken off.
 ///
 /// # Errors
 /// When a file cannot be read or written; files already complete stay.
 pub fn correct_strips(
     project: &Project,
     matched: &Matched,
-    solution: &Solution,
-    out: &Path,
+    (setup, model): (&Setup, &Model),
+    inverse: bool,
+    folder: &Path,
     progress: Progress,
     clock: &mut Clock,
 ) -> Result<Vec<FileSummary>> {
-    let folder = out.join("corrected");
-    std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
     clock.time("correct", || {
-        let rule = matched.settings.grid.rule;
-        let corrections = Corrections::new(solution, &matched.strips, &matched.poses, rule, false)?;
+        let corrections = Corrections::new(setup, model, &matched.strips, &matched.poses, matched.rule, inverse)?;
         let bar = progress.bar("correcting strips", matched.survey.points());
         let files = output_names(&matched.survey)
             .into_iter()

@@ -1,61 +1,56 @@
-//! The `tieline` program.
-use std::path::PathBuf;
-use tieline::job::*;
-fn main() -> anyhow::Result<()> {
-    let args: Vec<String> = std::env::args().collect();
-    let project = tieline::project::Project::load(std::path::Path::new(&args[1]))?;
-    let out = PathBuf::from(&args[2]);
-    let options = JobOptions {
-        out: out.clone(),
-        memory_bytes: DEFAULT_MEMORY_BYTES,
-        progress: tieline::progress::Progress::new(false),
-    };
-    let mut clock = Clock::default();
-    let m = match_strips(&project, &options, &mut clock)?;
-    for n in m.survey.notes.iter().chain(&m.poses.notes) {
-        println!("note {n}");
+//! The `tieline` program: parses arguments, prints results, turns errors into exit codes.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{CommandFactory, Parser};
+use tieline::cli::{Cli, Command};
+use tieline::command::project;
+use tracing_subscriber::filter::LevelFilter;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse(); // prints usage and exits with 2 by itself
+    let level = if cli.common.quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(io::stderr)
+        .without_time()
+        .with_target(false)
+        .with_level(false)
+        .init();
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            // one readable message: the chain of causes, without a backtrace
+            let _ = writeln!(io::stderr(), "tieline: {error:#}");
+            ExitCode::FAILURE
+        }
     }
-    for s in &m.settings.list {
-        println!("{} = {} ({})", s.key, s.value, s.reason);
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe))
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    if let Some(threads) = cli.common.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("starting threads")?;
     }
-    for r in &m.poses.reports {
-        println!("{r:?}");
+    let common = &cli.common;
+    let mut out = io::stdout().lock();
+    match &cli.command {
+        Command::Run { job, overwrite } => project::run(job, *overwrite, common, &mut out),
+        Command::Match(job) => project::match_only(job, common, &mut out),
+        Command::Solve(job) => project::solve_only(job, common, &mut out),
+        Command::Report(job) => project::report_only(job, common, &mut out),
+        Command::Correct(args) => project::correct(args, common, &mut out),
+        Command::Completions { shell } => {
+            clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut out);
+            Ok(())
+        }
+        Command::Man => Ok(clap_mangen::Man::new(Cli::command()).render(&mut out)?),
+        _ => anyhow::bail!("not yet"),
     }
-    println!(
-        "patches {} found {} selected {} rejected {:?}",
-        m.ties.patches,
-        m.ties.found,
-        m.ties.selected.len(),
-        m.ties.rejected
-    );
-    let s = solve_strips(&project, &m, &mut clock)?;
-    for t in &s.trials {
-        println!("{t:?}");
-    }
-    println!(
-        "class {:?} sigma0 {} common {} used {} cond {}",
-        s.adjustment.class_scale,
-        s.adjustment.sigma0,
-        s.adjustment.common_mode_factor,
-        s.adjustment.used_lines,
-        s.adjustment.observability.condition
-    );
-    for (i, p) in s.parameters().iter().enumerate() {
-        let k = if p.is_angle { 180.0 / std::f64::consts::PI } else { 1.0 };
-        println!(
-            "{:?} {} = {:.5} ± {:.5} (prior {:.5}) observed {:.2}",
-            p.block,
-            p.name,
-            s.model.state()[i] * k,
-            s.adjustment.covariance[(i, i)].sqrt() * k,
-            p.prior_sigma * k,
-            s.adjustment.observability.share[i]
-        );
-    }
-    let f = correct_strips(&project, &m, &s, &out, options.progress, &mut clock)?;
-    for f in f {
-        println!("{f:?}");
-    }
-    println!("{:?}", clock.timing(m.points));
-    Ok(())
 }

@@ -240,3 +240,24 @@ fn local_origin(files: &[SurveyFile]) -> [f64; 3] {
         (0.5 * (low + high) / step).round() * step
     })
 }
+
+impl Survey {
+    /// Puts other files in place of the strips: the corrected ones, for instance. Clock and origin stay.
+    ///
+    /// # Errors
+    /// When a file cannot be opened, or their number differs while files tell strips apart.
+    pub fn replace_files(&mut self, paths: &[PathBuf]) -> Result<()> {
+        let mut files = Vec::new();
+        for (number, path) in paths.iter().enumerate() {
+            let name = path.file_name();
+            let old = self.strip_files().find(|f| f.las.path().file_name() == name);
+            let mut notes = Vec::new();
+            let mut file = open(path.clone(), old.map_or(0, |f| f.section), TimeChoice::Auto, &mut notes)?;
+            file.number = old.map_or_else(|| u16::try_from(number).unwrap_or(0), |f| f.number);
+            file.time_shift_s = self.clock.shift_s(file.encoding).context("adjusted time without a week")?;
+            files.push(file);
+        }
+        self.files = files;
+        Ok(())
+    }
+}

@@ -5,12 +5,12 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, anyhow};
 use nalgebra::Vector3;
-use tieline_graph::PointMap;
+use tieline_graph::{Model, PointMap};
 use tieline_io::las::{LasFile, RewriteOptions, output_offset, output_scale, rewrite};
 use tieline_matching::{SourceKey, SourceRule, StripIndex};
 
 use crate::report::data::FileSummary;
-use crate::stage::solve::Solution;
+use crate::stage::solve::Setup;
 use crate::stage::trajectory::Poses;
 use crate::survey::{Survey, SurveyFile};
 
@@ -59,12 +59,13 @@ pub struct Corrections<'a> {
 }
 
 impl<'a> Corrections<'a> {
-    /// Corrections of a solution. With `inverse` they are taken off instead of applied.
+    /// Corrections of a solved model. With `inverse` they are taken off instead of applied.
     ///
     /// # Errors
     /// When a strip has no pose at one of its times.
     pub fn new(
-        solution: &Solution,
+        setup: &Setup,
+        model: &Model,
         strips: &'a StripIndex,
         poses: &Poses,
         rule: SourceRule,
@@ -76,18 +77,18 @@ impl<'a> Corrections<'a> {
             let mut of_strip = Vec::new();
             for scanner in 0..strips.scanner_numbers().len() {
                 let scanner = u16::try_from(scanner)?;
-                if !strip.scanners.contains(&scanner) || solution.setup.is_control[i] {
+                if !strip.scanners.contains(&scanner) || setup.is_control[i] {
                     of_strip.push(None);
                     continue;
                 }
-                let block = solution.setup.block(number, scanner);
-                let calibration = solution.calibration(number, scanner);
-                let lever_arm_m = solution.setup.lever_arms_m[block];
+                let block = setup.block(number, scanner);
+                let calibration = model.calibration(block);
+                let lever_arm_m = setup.lever_arms_m[block];
                 let map_at = |time_s: f64| {
                     let pose = poses
                         .at(number, time_s)
                         .ok_or_else(|| anyhow!("strip {}: no pose at {time_s:.3} s", strip.name))?;
-                    let correction = solution.pose_correction(number, time_s);
+                    let correction = model.pose_correction(i, time_s);
                     Ok(PointMap::new(&pose, &lever_arm_m, &correction, &calibration))
                 };
                 of_strip.push(Some(Knots::new(strip.start_s, strip.end_s, map_at)?));

@@ -11,7 +11,8 @@ use tieline_graph::{
     AdjustOptions, Adjustment, Calibration, Line, Model, PoseCorrection, TimeModel, adjust, model::Parameter,
 };
 
-pub use choose::Trial;
+pub use choose::{Trial, name as model_name};
+pub use measure::CLASSES;
 pub use measure::corrected_patch;
 pub use setup::{CalibrationBlock, Setup};
 
@@ -34,6 +35,8 @@ pub struct Solution {
     pub lines_before: Vec<Line>,
     /// Row of [`Ties::lines`] and ends of it for each line.
     pub rows: Vec<(usize, Vec<usize>)>,
+    /// The model of each strip in use.
+    pub time_models: Vec<Option<TimeModel>>,
     /// Models tried.
     pub trials: Vec<Trial>,
     /// Outer iterations of the last model.
@@ -103,13 +106,14 @@ pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Res
     };
     let before = measured(&setup.model(&[]));
     let ladder = ladder(project, &setup);
-    let (solved, trials) = choose::choose(&ladder, &setup.strips, solve_model, &measured)?;
+    let (solved, time_models, trials) = choose::choose(&ladder, &setup.strips, solve_model, &measured)?;
     Ok(Solution {
         model: solved.model,
         adjustment: solved.adjustment,
         lines: solved.lines,
         lines_before: before,
         rows: rows.into_iter().map(|r| (r.line, r.ends)).collect(),
+        time_models,
         trials,
         iterations: solved.iterations,
         setup,

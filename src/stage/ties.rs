@@ -17,7 +17,7 @@ use crate::stage::scan::Scan;
 pub const CONTROL_STRIP: u32 = u32::MAX;
 
 /// The ties of a survey.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Ties {
     /// Lines with at least one other end, used or not.
     pub lines: Vec<SurfaceLine>,

@@ -13,7 +13,7 @@ use crate::project::{Project, TimeChoice, TrajectoryFormatChoice};
 use crate::survey::Survey;
 
 /// Where the poses of a strip come from, for the report.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PathReport {
     /// Strip.
     pub strip: String,
@@ -29,6 +29,14 @@ pub struct PathReport {
     pub sigma_m: Option<f64>,
     /// What else there is to say.
     pub note: String,
+}
+
+/// A rebuilt path between stages: level, so that its heading is its attitude.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct StoredPath {
+    time_s: Vec<f64>,
+    position_m: Vec<Vector3<f64>>,
+    heading_rad: Vec<f64>,
 }
 
 /// The poses of all strips.
@@ -59,6 +67,37 @@ impl Poses {
     #[must_use]
     pub fn shared(&self) -> Option<&Trajectory> {
         self.shared.as_ref()
+    }
+
+    /// The rebuilt paths, to be stored between stages; the trajectory of a file is read anew.
+    #[must_use]
+    pub fn stored(&self) -> Vec<Option<StoredPath>> {
+        let store = |t: &Trajectory| StoredPath {
+            time_s: t.time_s().to_vec(),
+            position_m: t.position().to_vec(),
+            heading_rad: t.ned_from_body().iter().map(|q| q.euler_angles().2).collect(),
+        };
+        self.by_strip.iter().map(|path| path.as_ref().map(store)).collect()
+    }
+
+    /// Poses of stored paths, or of the project's trajectory.
+    ///
+    /// # Errors
+    /// When the trajectory cannot be read.
+    pub fn restored(
+        project: &Project,
+        survey: &Survey,
+        paths: Vec<Option<StoredPath>>,
+        reports: Vec<PathReport>,
+        notes: Vec<String>,
+    ) -> Result<Self> {
+        let shared = load(project, survey, &mut Vec::new())?;
+        let restore = |p: StoredPath| {
+            let attitudes = p.heading_rad.iter().map(|h| ned_from_body(0.0, 0.0, *h)).collect();
+            Trajectory::new(PositionFrame::Map, p.time_s, p.position_m, attitudes, Vec::new())
+        };
+        let by_strip = paths.into_iter().map(|p| p.map(restore).transpose()).collect::<Result<_, _>>()?;
+        Ok(Self { shared, by_strip, reports, notes })
     }
 
     /// Reads the project's trajectory, or rebuilds one for each strip.

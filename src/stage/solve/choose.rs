@@ -41,7 +41,7 @@ const LEAST_GAIN: f64 = 0.002;
 const FOLDS: u64 = 5;
 
 /// What a model is called.
-pub(super) fn name(model: Option<TimeModel>) -> String {
+pub fn name(model: Option<TimeModel>) -> String {
     match model {
         None => String::from("calibration only"),
         Some(TimeModel::Constant) => String::from("constant"),
@@ -61,7 +61,7 @@ pub(super) fn choose(
     strips: &[StripSpec],
     solve: impl Fn(&[Option<TimeModel>]) -> Result<Solved>,
     measured: &(dyn Fn(&Model) -> Vec<Line> + Sync),
-) -> Result<(Solved, Vec<Trial>)> {
+) -> Result<(Solved, Vec<Option<TimeModel>>, Vec<Trial>)> {
     let Some((stiffest, more)) = ladder.split_first() else { anyhow::bail!("no model to solve") };
     let mut models = vec![*stiffest; strips.len()];
     let mut best = solve(&models)?;
@@ -71,7 +71,7 @@ pub(super) fn choose(
     let mut taken = 0;
     if more.is_empty() {
         trials[0].taken = true;
-        return Ok((best, trials));
+        return Ok((best, models, trials));
     }
     let mut best_losses = cross_validated(&best, &scales, measured)?;
     for model in more {
@@ -115,7 +115,7 @@ pub(super) fn choose(
         }
     }
     trials[taken].taken = true;
-    Ok((best, trials))
+    Ok((best, models, trials))
 }
 
 /// A spline needs a strip that is longer than its support.
@@ -198,6 +198,9 @@ pub(super) fn cross_validated(
         let hash = mix(mix(x as u64) ^ y as u64);
         hash % FOLDS
     };
+    // started at the solution of all ties: a few iterations settle it
+    let quick =
+        AdjustOptions { huber_iterations: 1, tukey_iterations: 2, variance_rounds: 1, ..AdjustOptions::default() };
     let folds: Vec<Result<Losses>> = (0..FOLDS)
         .into_par_iter()
         .map(|fold| {
@@ -206,7 +209,7 @@ pub(super) fn cross_validated(
                 line.held_out = fold_of(line) == fold;
             }
             let mut model = solved.model.clone();
-            adjust(&mut model, &lines, &solved.adjustment.class_scale, &AdjustOptions::default())?;
+            adjust(&mut model, &lines, &solved.adjustment.class_scale, &quick)?;
             let after = measured(&model);
             Ok(losses(&after, scales, |i| lines[i].held_out))
         })

@@ -126,6 +126,9 @@ pub struct CorrectArgs {
     /// Columns of text trajectories, comma separated
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub columns: Option<Vec<String>>,
+    /// With --from and --to: replace files of the output folder
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 /// `convert`.
@@ -133,7 +136,8 @@ pub struct CorrectArgs {
 pub struct ConvertArgs {
     /// Input
     pub input: PathBuf,
-    /// Output; its extension names the format (.sbet/.out, .trj, .csv, .parquet)
+    /// Output; its extension names the format (.sbet/.out, .trj, .csv, .parquet). An SBET of a trajectory with
+    /// sigmas gets its SMRMSG file beside it
     pub output: PathBuf,
     /// Reference system of map coordinates, in or out
     #[arg(long, value_name = "CRS")]
@@ -144,6 +148,9 @@ pub struct ConvertArgs {
     /// SMRMSG file of the input
     #[arg(long, value_name = "FILE")]
     pub accuracy: Option<PathBuf>,
+    /// GPS week of times that are seconds of week
+    #[arg(long, value_name = "WEEK")]
+    pub week: Option<u32>,
     /// Format of the output, when the extension does not tell
     #[arg(long, value_enum)]
     pub to: Option<OutputFormat>,
@@ -154,7 +161,7 @@ pub struct ConvertArgs {
 pub enum OutputFormat {
     /// Applanix SBET
     Sbet,
-    /// TerraScan trajectory
+    /// `TerraScan` trajectory
     Trj,
     /// Text
     Csv,
@@ -165,16 +172,18 @@ pub enum OutputFormat {
 /// `trajectory …`
 #[derive(Debug, Subcommand)]
 pub enum TrajectoryCommand {
-    /// Difference of two trajectories: statistics, CSV, plot
+    /// Difference B - A of two trajectories: statistics, CSV, plot
     Diff {
         /// Reference
+        #[arg(value_name = "A")]
         a: PathBuf,
         /// Compared
+        #[arg(value_name = "B")]
         b: PathBuf,
         /// Folder for difference.csv and difference.svg
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Reference system of map coordinates
+        /// Reference system of map coordinates, when one of them has these and the other has not
         #[arg(long, value_name = "CRS")]
         crs: Option<String>,
         /// Columns of text trajectories, comma separated
@@ -184,8 +193,10 @@ pub enum TrajectoryCommand {
     /// Poses with sigma at the times of a CSV
     At {
         /// Trajectory
+        #[arg(value_name = "TRAJECTORY")]
         trajectory: PathBuf,
         /// One time a line, in the first column, in the trajectory's own time system [s]
+        #[arg(value_name = "TIMES.csv")]
         times: PathBuf,
         /// SMRMSG file of the trajectory
         #[arg(long, value_name = "FILE")]

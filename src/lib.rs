@@ -7,6 +7,7 @@ pub mod cli;
 pub mod command;
 pub mod job;
 pub mod memory;
+pub mod navigation;
 pub mod outputs;
 pub mod progress;
 pub mod project;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{CommandFactory, Parser};
 use tieline::cli::{Cli, Command};
-use tieline::command::project;
+use tieline::command::{convert, difference, info, project, simulate, trajectory};
 use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
@@ -45,12 +45,16 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Match(job) => project::match_only(job, common, &mut out),
         Command::Solve(job) => project::solve_only(job, common, &mut out),
         Command::Report(job) => project::report_only(job, common, &mut out),
+        Command::Correct(args) if args.from.is_some() => difference::correct(args, common, &mut out),
         Command::Correct(args) => project::correct(args, common, &mut out),
+        Command::Info { files } => info::run(files, common, &mut out),
+        Command::Convert(args) => convert::run(args, common, &mut out),
+        Command::Trajectory(command) => trajectory::run(command, common, &mut out),
+        Command::Simulate { scenario, out: folder } => simulate::run(scenario, folder, common, &mut out),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut out);
             Ok(())
         }
         Command::Man => Ok(clap_mangen::Man::new(Cli::command()).render(&mut out)?),
-        _ => anyhow::bail!("not yet"),
     }
 }

@@ -1,3 +1,8 @@
 //! The commands: each takes its arguments and prints its result.
 
+pub mod convert;
+pub mod difference;
+pub mod info;
 pub mod project;
+pub mod simulate;
+pub mod trajectory;

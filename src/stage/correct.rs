@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result, anyhow};
 use nalgebra::Vector3;
 use tieline_graph::{Model, PointMap};
-use tieline_io::las::{LasFile, RewriteOptions, output_offset, output_scale, rewrite};
+use tieline_io::las::{EditError, LasFile, RewriteOptions, output_offset, output_scale, rewrite};
 use tieline_matching::{SourceKey, SourceRule, StripIndex};
 
 use crate::report::data::FileSummary;
@@ -30,9 +30,17 @@ impl Knots {
     ///
     /// # Errors
     /// What `map_at` returns.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     pub fn new(start_s: f64, end_s: f64, map_at: impl Fn(f64) -> Result<PointMap>) -> Result<Self> {
-        let count = ((end_s - start_s) / KNOT_SPACING_S).ceil().max(1.0) as usize;
+        Self::spaced(start_s, end_s, KNOT_SPACING_S, map_at)
+    }
+
+    /// Knots from `start_s` to `end_s`, at most `spacing_s` apart.
+    ///
+    /// # Errors
+    /// What `map_at` returns.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    pub fn spaced(start_s: f64, end_s: f64, spacing_s: f64, map_at: impl Fn(f64) -> Result<PointMap>) -> Result<Self> {
+        let count = ((end_s - start_s) / spacing_s).ceil().max(1.0) as usize;
         let length_s = (end_s - start_s).max(1e-6);
         let maps = (0..=count).map(|k| map_at(start_s + length_s * k as f64 / count as f64)).collect::<Result<_>>()?;
         Ok(Self { start_s, per_second: count as f64 / length_s, maps })
@@ -148,19 +156,11 @@ pub fn correct_file(
     scale_m: Option<f64>,
     advance: &(dyn Fn(u64) + Sync),
 ) -> Result<FileSummary> {
-    let header = file.las.header();
-    let scale = scale_of(&file.las, scale_m);
-    let options = RewriteOptions {
-        scale,
-        offset: output_offset(header.min, header.max, scale),
-        generating_software: format!("tieline {}", env!("CARGO_PKG_VERSION")),
-    };
-    let largest = Mutex::new(0.0_f64);
     let fields = Fields::new(file, corrections.rule)?;
-    let report = rewrite(&file.las, output, &options, |first, records, layout, points| {
-        let mut last = LastStrip { source: SourceKey(u64::MAX), start_s: 1.0, end_s: 0.0, strip: 0, scanner: 0 };
+    rewrite_moved(&file.las, output, scale_m, advance, |first, records, record_length, points| {
+        let mut last = LastStrip { source: SourceKey(u64::MAX), start_s: 0.0, end_s: 0.0, strip: 0, scanner: 0 };
         let mut largest_square = 0.0_f64;
-        for (i, (record, xyz)) in records.chunks_exact(layout.record_length).zip(points.iter_mut()).enumerate() {
+        for (i, (record, xyz)) in records.chunks_exact(record_length).zip(points.iter_mut()).enumerate() {
             let (source, time_s) = fields.of(record);
             let point = Vector3::from(*xyz);
             let moved = corrections
@@ -169,28 +169,53 @@ pub fn correct_file(
             largest_square = largest_square.max((moved - point).norm_squared());
             *xyz = moved.into();
         }
+        Ok(largest_square.sqrt())
+    })
+}
+
+/// Writes a file again with its points moved, and says what changed.
+///
+/// `edit` is given the index of the first point of a block, its raw records, their length and the coordinates \[m\] to
+/// change in place; it answers with the largest shift \[m\].
+///
+/// # Errors
+/// When a chunk cannot be read, the edit fails, or the output cannot be written.
+pub fn rewrite_moved(
+    file: &LasFile,
+    output: &Path,
+    scale_m: Option<f64>,
+    advance: &(dyn Fn(u64) + Sync),
+    edit: impl Fn(u64, &[u8], usize, &mut [[f64; 3]]) -> Result<f64, EditError> + Sync,
+) -> Result<FileSummary> {
+    let header = file.header();
+    let scale = scale_of(file, scale_m);
+    let options = RewriteOptions {
+        scale,
+        offset: output_offset(header.min, header.max, scale),
+        generating_software: format!("tieline {}", env!("CARGO_PKG_VERSION")),
+    };
+    let largest = Mutex::new(0.0_f64);
+    let report = rewrite(file, output, &options, |first, records, layout, points| {
+        let shift_m = edit(first, records, layout.record_length, points)?;
         if let Ok(mut largest) = largest.lock() {
-            *largest = largest.max(largest_square.sqrt());
+            *largest = largest.max(shift_m);
         }
         advance(points.len() as u64);
         Ok(())
     })
-    .with_context(|| format!("correcting {}", file.las.path().display()))?;
+    .with_context(|| format!("correcting {}", file.path().display()))?;
     let mut notes = report.notes;
-    notes.push(String::from("header: offset, bounds and generating software are new; scale is"));
-    if let Some(note) = notes.last_mut() {
-        let kept = header.scale.iter().zip(scale).all(|(a, b)| (a - b).abs() < 1e-12);
-        *note = if kept {
-            String::from("header: scale kept; offset, bounds and generating software are new")
-        } else {
-            format!(
-                "header: scale {} → {} m, so that millimetres are not lost; offset, bounds and generating software are new",
-                header.scale[0], scale[0]
-            )
-        };
-    }
+    let kept = header.scale.iter().zip(scale).all(|(a, b)| (a - b).abs() < 1e-12);
+    notes.push(if kept {
+        String::from("header: scale kept; offset, bounds and generating software are new")
+    } else {
+        format!(
+            "header: scale {} → {} m, so that millimetres are not lost; offset, bounds and generating software are new",
+            header.scale[0], scale[0]
+        )
+    });
     Ok(FileSummary {
-        input: file.las.path().display().to_string(),
+        input: file.path().display().to_string(),
         output: output.display().to_string(),
         points: report.points,
         largest_shift_m: largest.into_inner().unwrap_or_default(),

@@ -1,6 +1,7 @@
 //! The stages of a job, in their order: scan → trajectory → ties → solve → correct.
 
 pub mod correct;
+pub mod difference;
 pub mod scan;
 pub mod solve;
 pub mod ties;

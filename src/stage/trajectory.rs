@@ -9,6 +9,7 @@ use tieline_matching::{
     path_from_return_pairs,
 };
 
+use crate::navigation::{in_map, on_clock};
 use crate::project::{Project, TimeChoice, TrajectoryFormatChoice};
 use crate::survey::Survey;
 
@@ -133,26 +134,13 @@ pub fn load(project: &Project, survey: &Survey, notes: &mut Vec<String>) -> Resu
     let accuracy = section.accuracy.as_ref().map(|p| project.resolve(p));
     let file = read(&path, &ReadOptions { format, columns: section.columns.clone(), accuracy })?;
     notes.extend(file.notes.iter().cloned());
-    let trajectory = match &survey.crs {
-        Some(crs) => file.to_map(crs).with_context(|| format!("{}", path.display()))?,
-        None if file.trajectory.frame() == PositionFrame::Map => file.trajectory.clone(),
-        None => bail!(
-            "{}: positions are latitude and longitude, and the strips name no reference system; set project.crs",
-            path.display()
-        ),
-    };
+    let trajectory = in_map(&file, &path, survey.crs.as_ref(), "set project.crs")?;
     let encoding = match section.time {
         TimeChoice::Auto => file.time_encoding,
         TimeChoice::GpsWeek => TimeEncoding::SecondsOfWeek,
         TimeChoice::Adjusted => TimeEncoding::AdjustedStandard,
     };
-    let mut shift_s = survey.clock.shift_s(encoding).with_context(|| {
-        format!("{}: adjusted GPS time, while the strips' week is unknown; set project.week", path.display())
-    })?;
-    if let (Some(week), Some(reference)) = (file.week, survey.clock.reference_week) {
-        shift_s += (f64::from(week) - f64::from(reference)) * tieline_filter::time::SECONDS_PER_WEEK;
-    }
-    Ok(Some(trajectory.shifted_in_time(shift_s)))
+    Ok(Some(on_clock(trajectory, &file, &path, encoding, &survey.clock, "set project.week")?))
 }
 
 fn from_file(

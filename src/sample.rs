@@ -1,16 +1,18 @@
 //! A look at a few chunks of every survey before the work: what tells sources apart, how dense and how rough it is.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use anyhow::Result;
 use tieline_io::las::Columns;
-use tieline_matching::{PointBlock, ScannerField, SourceKey, SourceRule};
+use tieline_matching::{PointBlock, ScannerField, SourceRule, mix};
 
 use crate::project::{Project, ScannerChoice, SplitWord};
 use crate::survey::{Survey, SurveyFile};
 
 /// Chunks that are looked at.
-const CHUNKS: usize = 8;
+const CHUNKS: usize = 6;
+/// Of these, chunks that density is taken from.
+const DENSITY_CHUNKS: usize = 3;
 
 /// A few chunks in columns.
 #[derive(Debug)]
@@ -144,26 +146,31 @@ impl Sample {
         })
     }
 
-    /// Median number of last returns of one source in a cell of each width of `widths_m` that a point falls into.
+    /// Median number of last returns of one source in the cell that a point falls into, for each width of `widths_m` up
+    /// to the first that holds `enough`.
     #[must_use]
-    #[allow(clippy::cast_possible_truncation)]
-    pub fn points_per_cell(&self, survey: &Survey, rule: &SourceRule, widths_m: &[f64]) -> Vec<f64> {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn points_per_cell(&self, survey: &Survey, rule: &SourceRule, widths_m: &[f64], enough: f64) -> Vec<f64> {
+        let mut keys: Vec<u64> = Vec::new();
         let mut result = Vec::new();
         for width_m in widths_m {
-            let mut counts: HashMap<(usize, SourceKey, i64, i64), u32> = HashMap::new();
-            for (chunk, (f, columns, first)) in self.chunks.iter().enumerate() {
+            keys.clear();
+            for (chunk, (f, columns, first)) in self.chunks.iter().enumerate().take(DENSITY_CHUNKS) {
                 let file = &survey.files[*f];
                 let block = block(file, columns, &[], *first);
-                let h = file.las.header();
+                let step = file.las.header().scale.map(|s| s / width_m);
                 for i in 0..columns.len() {
                     if columns.return_number[i] >= columns.number_of_returns[i] {
-                        let x = (f64::from(columns.x[i]) * h.scale[0] / width_m).floor() as i64;
-                        let y = (f64::from(columns.y[i]) * h.scale[1] / width_m).floor() as i64;
-                        *counts.entry((chunk, rule.source(&block, i), x, y)).or_default() += 1;
+                        let x = (f64::from(columns.x[i]) * step[0]).floor() as i64;
+                        let y = (f64::from(columns.y[i]) * step[1]).floor() as i64;
+                        keys.push(mix(mix(mix(x as u64) ^ y as u64)
+                            ^ rule.source(&block, i).0
+                            ^ ((chunk as u64) << 56)));
                     }
                 }
             }
-            let mut sizes: Vec<u32> = counts.into_values().collect();
+            keys.sort_unstable();
+            let mut sizes: Vec<u32> = keys.chunk_by(|a, b| a == b).map(|cell| cell.len() as u32).collect();
             sizes.sort_unstable();
             let total: u64 = sizes.iter().map(|n| u64::from(*n)).sum();
             let mut so_far = 0;
@@ -172,6 +179,9 @@ impl Sample {
                 2 * so_far >= total
             });
             result.push(f64::from(median.copied().unwrap_or(0)));
+            if result.last().is_some_and(|n| *n >= enough) {
+                break;
+            }
         }
         result
     }

@@ -74,8 +74,8 @@ impl Settings {
         tell("strips.split, strips.scanner", format!("{:?}", rule.scanner).to_lowercase(), &why);
 
         let widths_m: Vec<f64> = CELL_BITS.map(|bits| f64::from(1_u32 << bits) / 16_384.0).collect();
-        let counts = sample.points_per_cell(survey, &rule, &widths_m);
-        let dense = counts.iter().position(|n| *n >= POINTS_WANTED).unwrap_or(widths_m.len() - 1);
+        let counts = sample.points_per_cell(survey, &rule, &widths_m, POINTS_WANTED);
+        let dense = counts.iter().position(|n| *n >= POINTS_WANTED).unwrap_or(counts.len().saturating_sub(1));
         let (cell_bits, reason) = match m.patch_m {
             Some(width_m) => ((width_m.log2().round() as i32 + 14).clamp(8, 18) as u32, String::from(asked)),
             None => {

@@ -26,6 +26,8 @@ pub struct SurveyFile {
     pub encoding: TimeEncoding,
     /// Number of the `[[strips]]` section it came from.
     pub section: usize,
+    /// Least and greatest time \[s\] of a sample, as in the file.
+    pub sampled_range_s: Option<[f64; 2]>,
 }
 
 /// A survey: files, clock, reference system, local origin.
@@ -68,7 +70,7 @@ impl Survey {
             {
                 let las = LasFile::open(&path)?;
                 let (time_shift_s, encoding) = (0.0, TimeEncoding::SecondsOfWeek);
-                files.push(SurveyFile { las, number: 0, time_shift_s, encoding, section: 0 });
+                files.push(SurveyFile { las, number: 0, time_shift_s, encoding, section: 0, sampled_range_s: None });
             }
         }
         for (i, file) in files.iter_mut().enumerate() {
@@ -139,7 +141,7 @@ fn open(path: PathBuf, section: usize, choice: TimeChoice, notes: &mut Vec<Strin
             guess.note.unwrap_or_else(|| String::from("the points have no usable GPS time"))
         ),
     };
-    Ok(SurveyFile { las, number: 0, time_shift_s: 0.0, encoding, section })
+    Ok(SurveyFile { las, number: 0, time_shift_s: 0.0, encoding, section, sampled_range_s: guess.sampled_range_s })
 }
 
 /// One clock for all files: the week of the earliest adjusted time, or the week that the project names.
@@ -148,7 +150,7 @@ fn settle_clock(files: &mut [SurveyFile], project: &Project, notes: &mut Vec<Str
     let mut of_week = None;
     for file in files.iter() {
         if file.encoding == TimeEncoding::AdjustedStandard {
-            if let Some([least_s, _]) = guess_time(&file.las)?.sampled_range_s {
+            if let Some([least_s, _]) = file.sampled_range_s {
                 earliest_s = earliest_s.min(least_s);
             }
         } else {

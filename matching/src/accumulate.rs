@@ -80,6 +80,23 @@ const EMPTY: u32 = u32::MAX;
 const PENDING_SLOTS: usize = 256;
 const SAMPLE_STRIDE: u64 = 37;
 
+/// The nearest whole number of a value below 2⁵¹: adding 1.5 × 2⁵² leaves no bits for the fraction. `round` is a call
+/// into the mathematics library on processors of the base line.
+#[inline]
+#[allow(clippy::cast_possible_wrap)] // the bits of two positive numbers
+fn nearest(value: f64) -> i64 {
+    const SHIFT: f64 = 6_755_399_441_055_744.0;
+    (value + SHIFT).to_bits() as i64 - SHIFT.to_bits() as i64
+}
+
+/// The greatest whole number not above a value.
+#[inline]
+#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
+fn floor(value: f64) -> i64 {
+    let whole = value as i64;
+    whole - i64::from(whole as f64 > value)
+}
+
 fn hash(key: &CellKey) -> u64 {
     #[allow(clippy::cast_sign_loss)]
     let rest = key.source.0 ^ (key.bin as u64).rotate_left(40);
@@ -107,7 +124,7 @@ impl Accumulator {
     ///
     /// # Errors
     /// When the temporary file of a spill cannot be written.
-    #[allow(clippy::cast_possible_truncation)] // coordinates are checked by Place::new, times are survey times
+    #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // coordinates are checked by Place::new
     pub fn add(&mut self, block: &PointBlock<'_>) -> io::Result<()> {
         let GridOptions { origin_m, cell_bits, cells_in_memory, .. } = self.options;
         let step = block.scale_m.map(|s| s * STEPS_PER_METRE);
@@ -124,9 +141,9 @@ impl Accumulator {
             }
             let source = self.options.rule.source(block, i);
             let steps = [
-                (f64::from(block.x[i]) * step[0] + start[0]).round() as i64,
-                (f64::from(block.y[i]) * step[1] + start[1]).round() as i64,
-                (f64::from(block.z[i]) * step[2] + start[2]).round() as i64,
+                nearest(f64::from(block.x[i]) * step[0] + start[0]),
+                nearest(f64::from(block.y[i]) * step[1] + start[1]),
+                nearest(f64::from(block.z[i]) * step[2] + start[2]),
             ];
             self.sketch(block, i, source, time_s, steps);
             if !self.options.filter.takes(block, i) {
@@ -137,11 +154,11 @@ impl Accumulator {
                 self.counts.out_of_reach += 1;
                 continue;
             };
-            let bin = (time_s * (1.0 / TIME_BIN_S)).floor();
-            let key = CellKey { place, source, bin: bin as i64 };
+            let bin = floor(time_s * (1.0 / TIME_BIN_S));
+            let key = CellKey { place, source, bin };
             let row = if key == last_key && last_row != usize::MAX { last_row } else { self.row(key) };
             (last_key, last_row) = (key, row);
-            let ticks = ((time_s - bin * TIME_BIN_S) * TICKS_PER_SECOND) as i64;
+            let ticks = ((time_s - bin as f64 * TIME_BIN_S) * TICKS_PER_SECOND) as i64;
             self.cells[row].moments.add(steps.map(|v| v & mask), ticks, i64::from(block.intensity[i]));
             self.counts.used += 1;
             if self.cells.len() >= cells_in_memory {
@@ -233,5 +250,19 @@ impl Accumulator {
         self.cells.sort_unstable_by_key(|cell| cell.key);
         self.runs.push(Run::in_memory(self.cells));
         (self.runs, self.sketches, self.counts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_quick_whole_numbers_are_those_of_the_library(value in -1e12_f64..1e12) {
+            prop_assert!((nearest(value) as f64 - value).abs() <= 0.5);
+            prop_assert_eq!(floor(value), value.floor() as i64);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! What matching is fed with: blocks of points in columns, and the rule that tells their sources apart.
 
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 /// A block of points in columns, as they lie in a file: integers, their scale and offset, raw times.
 ///
@@ -62,7 +63,7 @@ impl PointBlock<'_> {
 pub const CONTROL_FILE: u16 = 0x8000;
 
 /// Which fields tell strips apart (a time gap does so as well, see [`crate::strip`]).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SourceRule {
     /// Points of different files belong to different strips.
     pub by_file: bool,
@@ -73,7 +74,7 @@ pub struct SourceRule {
 }
 
 /// Where the number of the scanner stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ScannerField {
     /// One scanner.
     Single,
@@ -86,7 +87,7 @@ pub enum ScannerField {
 }
 
 /// What tells the origin of a point before strips are known: file, point source id and scanner.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Pod, Zeroable, Serialize, Deserialize)]
 #[repr(transparent)]
 pub struct SourceKey(pub u64);
 

@@ -1,11 +1,12 @@
 //! A patch: a small planar piece of surface seen by one scanner in one pass.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::moments::{Moments, TICKS_PER_SECOND};
 
 /// Who saw a patch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Sighting {
     /// Index of the strip.
     pub strip: u32,
@@ -18,7 +19,7 @@ pub struct Sighting {
 /// A small planar piece of surface: the plane, how far it reaches, how well it is known.
 ///
 /// Lengths in metres in the survey's local frame (map axes, moved to the local origin).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Patch {
     /// Who saw it.
     pub sighting: Sighting,

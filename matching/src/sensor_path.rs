@@ -230,7 +230,7 @@ impl Fit<'_> {
             // median of a Rayleigh variable is 1.1774 σ
             scale_m = (norms[middle] / 1.1774).max(1e-4);
             path.covariance = inverse * (scale_m * scale_m);
-            if step.norm() < 1e-4 {
+            if step.norm() < 1e-2 {
                 break;
             }
         }

@@ -11,7 +11,7 @@ use crate::block::SourceKey;
 /// Length of a sketch bin \[s\].
 pub const SKETCH_BIN_S: f64 = 0.5;
 /// Return pairs kept in a bin: those furthest apart.
-const PAIRS_PER_BIN: usize = 256;
+const PAIRS_PER_BIN: usize = 128;
 /// Sample points kept in a bin: those of smallest hash.
 const SAMPLES_PER_BIN: usize = 48;
 
@@ -152,8 +152,14 @@ pub struct Sketches {
 impl Sketches {
     /// The sketch of a source at a time, made when it is not there.
     #[inline]
-    #[allow(clippy::cast_possible_truncation)] // fewer than 2³² bins; survey times are small
+    #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // fewer than 2³² bins; times are small
     pub fn at(&mut self, source: SourceKey, time_s: f64) -> &mut BinSketch {
+        if let Some((last, row)) = self.last
+            && last.0 == source
+            && (time_s * (1.0 / SKETCH_BIN_S) - last.1 as f64 - 0.5).abs() < 0.499_999
+        {
+            return &mut self.rows[row as usize].1;
+        }
         let key = (source, (time_s / SKETCH_BIN_S).floor() as i64);
         let row = match self.last {
             Some((last, row)) if last == key => row,

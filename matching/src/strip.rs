@@ -2,11 +2,13 @@
 
 use std::collections::BTreeSet;
 
+use serde::{Deserialize, Serialize};
+
 use crate::block::SourceKey;
 use crate::sketch::BinSketch;
 
 /// One uninterrupted run of one scanner system.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Strip {
     /// Name in reports: point source id, file or number, as they tell strips apart.
     pub name: String,
@@ -40,7 +42,7 @@ impl Default for StripOptions {
 }
 
 /// The strips of a survey and the look-up from a point's source and time.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct StripIndex {
     strips: Vec<Strip>,
     scanner_numbers: Vec<u16>,

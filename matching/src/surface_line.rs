@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use rstar::{AABB, RTree, RTreeObject};
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::Footprint;
 use crate::patch::{Patch, Sighting};
 
 /// Why an end of a tie, or a whole tie, is not used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Rejection {
     /// The normals differ by more than their sigmas and the tolerance explain.
@@ -105,7 +106,7 @@ impl Default for PairingOptions {
 }
 
 /// One end of a tie: the patch and, when it is not used, why.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct End {
     /// The patch as measured in the cloud.
     pub patch: Patch,
@@ -114,7 +115,7 @@ pub struct End {
 }
 
 /// A surface line: the first end is the one the others were compared with.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceLine {
     /// Its ends, by sighting.
     pub ends: Vec<End>,

@@ -74,7 +74,7 @@ impl Split<'_> {
     /// Works on the pieces of several nodes of one level.
     fn children(&mut self, pieces: &mut [Piece], level: u32) {
         let node = |p: &Piece| (p.column[1] >> level, p.column[0] >> level);
-        pieces.sort_by_key(|p| (node(p), p.strip, p.scanner, p.bin, p.layer, p.column));
+        pieces.sort_unstable_by_key(|p| (node(p), p.strip, p.scanner, p.bin, p.layer, p.column));
         let mut start = 0;
         while start < pieces.len() {
             let key = node(&pieces[start]);
@@ -126,7 +126,7 @@ impl Split<'_> {
                 let sighting = Sighting { strip: first.strip, pass: pass as u16, scanner: first.scanner };
                 let offset = start + range.start;
                 let of_pass = &mut of_scanner[range];
-                of_pass.sort_by_key(|p| (p.layer, p.column, p.bin));
+                of_pass.sort_unstable_by_key(|p| (p.layer, p.column, p.bin));
                 for stack in runs(of_pass, |a, b| b.layer - a.layer <= 1) {
                     let points: i64 = of_pass[stack.clone()].iter().map(|p| p.moments.n).sum();
                     let enough_points = points >= i64::from(self.options.min_points);

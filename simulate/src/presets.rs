@@ -10,7 +10,7 @@ fn group(direction_deg: f64, height_m: f64, lines: u32, spacing_m: f64) -> LineG
 }
 
 impl Scenario {
-    /// A block of ten strips in three directions and two heights over a town of 500 m × 400 m, 3 to 4 points/m² a
+    /// A block of twelve strips in three directions, both ways each, at two heights over a town of 500 m × 400 m, 3 to 4 points/m² a
     /// strip. The seed draws the world, the motion, the drifts, and the scanner's errors: boresight 0.02°, lever arm
     /// 2 cm, range offset 2 cm, range scale 30 ppm, one sigma each.
     #[must_use]
@@ -24,12 +24,12 @@ impl Scenario {
             seed,
             flight: Flight {
                 groups: vec![
-                    group(0.0, 600.0, 2, 180.0),
-                    group(90.0, 900.0, 2, 160.0),
-                    group(45.0, 600.0, 2, 180.0),
-                    group(90.0, 600.0, 2, 180.0),
-                    group(45.0, 900.0, 1, 0.0),
-                    group(180.0, 900.0, 1, 0.0),
+                    group(0.0, 500.0, 2, 180.0),
+                    group(90.0, 500.0, 2, 180.0),
+                    group(45.0, 500.0, 2, 180.0),
+                    group(0.0, 1200.0, 2, 120.0),
+                    group(90.0, 1200.0, 2, 120.0),
+                    group(45.0, 1200.0, 2, 120.0),
                 ],
                 ..Flight::default()
             },

@@ -47,8 +47,7 @@ pub fn scan(survey: &Survey, settings: &Settings, progress: &Progress) -> Result
             loop {
                 let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
                 let file = &survey.files[*f];
-                file.las.read_chunk(*chunk, &mut records)?;
-                columns.fill(&records, file.las.layout());
+                file.las.read_columns(*chunk, &mut records, &mut columns)?;
                 zeros.resize(columns.len(), 0.0);
                 let points = file.las.chunk_points(*chunk);
                 accumulator

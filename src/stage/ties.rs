@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_matching::{
     BinSketch, End, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
-    is_held_out, normal_bin, pair, patches_of_tile, reject_by_distance, select,
+    is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
 };
 
 use crate::settings::Settings;
@@ -45,7 +45,7 @@ pub struct ControlPoint {
 /// Tiles worked on at a time.
 const BATCH: usize = 64;
 /// Candidates kept per tie of the budget.
-const CANDIDATES: usize = 4;
+const CANDIDATES: usize = 2;
 
 /// Finds, rejects and selects the surface lines of a survey.
 ///
@@ -69,6 +69,7 @@ pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[Con
             .map(|cells| {
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
+                thin_level(&mut patches, per_tile, settings);
                 add_control(&mut patches, control, settings);
                 let lines = pair(&patches, &settings.pairing);
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
@@ -97,6 +98,23 @@ fn tiles(sketches: &[((SourceKey, i64), BinSketch)], settings: &Settings) -> usi
         .map(|s| ((s.point_m[0] / width_m).floor() as i64, (s.point_m[1] / width_m).floor() as i64))
         .collect::<BTreeSet<_>>()
         .len()
+}
+
+/// Where a tile has far more level patches than it needs, keeps whole blocks of them, chosen by a hash of their place;
+/// sloped and steep ones all stay: they are few and carry what level ones cannot.
+#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, clippy::cast_sign_loss)]
+fn thin_level(patches: &mut Vec<Patch>, limit: usize, settings: &Settings) {
+    let width_m = settings.grid.cell_m() * 4.0;
+    let block = |p: &Patch| {
+        let square = |v: f64| (v / width_m).floor() as i64 as u64;
+        mix(mix(square(p.centroid_m.x)) ^ square(p.centroid_m.y))
+    };
+    let sightings: BTreeSet<Sighting> = patches.iter().map(|p| p.sighting).collect();
+    let level = patches.iter().filter(|p| normal_bin(&p.normal) == 0).count();
+    let share = (limit * sightings.len().max(2)) as f64 / level.max(1) as f64;
+    if share < 0.8 {
+        patches.retain(|p| normal_bin(&p.normal) != 0 || (block(p) as f64) < share * u64::MAX as f64);
+    }
 }
 
 /// A known point becomes a patch without extent of its own: it takes the plane of the patch that it lies on.

@@ -1,0 +1,53 @@
+//! The proofs of the strips issue.
+
+mod statistics;
+
+/// One line of a proof.
+pub(crate) struct Row {
+    pub(crate) name: String,
+    pub(crate) value: f64,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) unit: &'static str,
+}
+
+impl Row {
+    pub(crate) fn at_most(name: impl Into<String>, value: f64, high: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, low: f64::NEG_INFINITY, high, unit }
+    }
+    pub(crate) fn between(name: impl Into<String>, value: f64, low: f64, high: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, low, high, unit }
+    }
+    fn passes(&self) -> bool {
+        self.value >= self.low && self.value <= self.high
+    }
+    fn print(&self) {
+        let bound = if self.low.is_finite() {
+            format!("{} … {}", self.low, self.high)
+        } else {
+            format!("≤ {}", self.high)
+        };
+        let verdict = if self.passes() { "pass" } else { "FAIL" };
+        println!("{:<64} {:>12.4} {:<6} bound {:<16} {verdict}", self.name, self.value, self.unit, bound);
+    }
+}
+
+type Proof = fn() -> anyhow::Result<Vec<Row>>;
+
+/// Runs the proofs of the strips issue.
+pub(crate) fn strips(only: Option<&str>) -> anyhow::Result<()> {
+    let proofs: [(&str, Proof); 1] = [("4 simulated block", statistics::rows)];
+    let mut failed = 0;
+    for (name, proof) in proofs {
+        if only.is_some_and(|o| !name.starts_with(o)) {
+            continue;
+        }
+        println!("== {name}");
+        for row in proof()? {
+            row.print();
+            failed += usize::from(!row.passes());
+        }
+    }
+    anyhow::ensure!(failed == 0, "{failed} lines fail");
+    Ok(())
+}

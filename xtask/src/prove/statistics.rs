@@ -13,7 +13,7 @@ use tieline_simulate::{Scenario, SimulationReport, simulate};
 
 use super::Row;
 
-const SEEDS: u64 = 1;
+const SEEDS: u64 = 20;
 
 /// One estimated parameter against the truth.
 struct Check {
@@ -37,7 +37,14 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
         let shown: Vec<String> = of_seed
             .iter()
             .filter(|c| c.name.starts_with("boresight") || c.name.starts_with("lever") || c.name.starts_with("range"))
-            .map(|c| format!("{} {:+.2}σ (σ {:.5})", c.name, c.error / c.sigma, if c.name.starts_with("boresight") { c.sigma.to_degrees() } else { c.sigma }))
+            .map(|c| {
+                format!(
+                    "{} {:+.2}σ (σ {:.5})",
+                    c.name,
+                    c.error / c.sigma,
+                    if c.name.starts_with("boresight") { c.sigma.to_degrees() } else { c.sigma }
+                )
+            })
             .collect();
         println!("seed {seed}: {}", shown.join(", "));
         checks.extend(of_seed);
@@ -72,13 +79,23 @@ fn judge(checks: &[Check]) -> Vec<Row> {
 
 fn solve_one(report: &SimulationReport, folder: &Path) -> Result<Vec<Check>> {
     let project = Project::load(&report.project)?;
-    let options = JobOptions { out: folder.join("out"), memory_bytes: DEFAULT_MEMORY_BYTES, progress: Progress::silent() };
+    let options =
+        JobOptions { out: folder.join("out"), memory_bytes: DEFAULT_MEMORY_BYTES, progress: Progress::silent() };
     let mut clock = Clock::default();
     let matched = match_strips(&project, &options, &mut clock)?;
     let solution = solve_strips(&project, &matched, &mut clock)?;
     if std::env::var_os("TIELINE_PROVE_VERBOSE").is_some() {
-        for trial in &solution.trials { println!("{trial:?}"); }
-        println!("ties {} selected {} class {:?} common {} timing {:?}", matched.ties.found, matched.ties.selected.len(), solution.adjustment.class_scale, solution.adjustment.common_mode_factor, clock.timing(matched.points));
+        for trial in &solution.trials {
+            println!("{trial:?}");
+        }
+        println!(
+            "ties {} selected {} class {:?} common {} timing {:?}",
+            matched.ties.found,
+            matched.ties.selected.len(),
+            solution.adjustment.class_scale,
+            solution.adjustment.common_mode_factor,
+            clock.timing(matched.points)
+        );
     }
     let shift_s = matched.survey.clock.shift_s(tieline_filter::TimeEncoding::SecondsOfWeek).unwrap_or(0.0);
     let mut checks = Vec::new();
@@ -87,7 +104,8 @@ fn solve_one(report: &SimulationReport, folder: &Path) -> Result<Vec<Check>> {
             ParameterBlock::Calibration(_) => calibration_truth(report, &parameter.name),
             ParameterBlock::Strip(s) => {
                 let strip = &matched.strips.strips()[s];
-                let number = usize::from(strip.source.point_source_id()).checked_sub(1).context("a strip without a number")?;
+                let number =
+                    usize::from(strip.source.point_source_id()).checked_sub(1).context("a strip without a number")?;
                 let error = report.truth.strips.get(number).context("a strip that was not simulated")?;
                 let at = |t: f64| (-error.position_ned_m(t - shift_s), -error.rotation_ned_rad(t - shift_s));
                 strip_truth(parameter, at(strip.start_s), at(strip.end_s))
@@ -124,7 +142,11 @@ fn calibration_truth(report: &SimulationReport, name: &str) -> Option<f64> {
 }
 
 /// Constant and drift of a correction that is linear from start to end.
-fn strip_truth(parameter: &Parameter, start: (Vector3<f64>, Vector3<f64>), end: (Vector3<f64>, Vector3<f64>)) -> Option<f64> {
+fn strip_truth(
+    parameter: &Parameter,
+    start: (Vector3<f64>, Vector3<f64>),
+    end: (Vector3<f64>, Vector3<f64>),
+) -> Option<f64> {
     let (name, kind) = parameter.name.rsplit_once(' ')?;
     let axis = ["north", "east", "down"].iter().position(|a| name.ends_with(a))?;
     let pick = |v: &(Vector3<f64>, Vector3<f64>)| if name.starts_with("rotation") { v.1[axis] } else { v.0[axis] };

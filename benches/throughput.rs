@@ -5,6 +5,8 @@
 //! decoding and encoding at the scale of the output; each in a process of its own, CPU seconds of user and system.
 //! With `--large` memory is also taken at 80 million points. Prints name, value, bound, ratio; exits 1 when one fails.
 
+#![allow(clippy::print_stdout)] // a bench prints its figures
+
 use std::io::{BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

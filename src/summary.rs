@@ -123,7 +123,8 @@ fn differences(matched: &Matched, solution: &Solution) -> (Vec<PairSummary>, Vec
             }
         }
     }
-    let mut by_pair: BTreeMap<(Sighting, Sighting), Vec<(TiePoint, Vector3<f64>)>> = BTreeMap::new();
+    type Rows = Vec<(TiePoint, Vector3<f64>)>;
+    let mut by_pair: BTreeMap<(Sighting, Sighting), Rows> = BTreeMap::new();
     for (a, b, point, normal) in rows {
         by_pair.entry((a, b)).or_default().push((point, normal));
     }

@@ -2,7 +2,7 @@
 //! before long work starts.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::Vector3;
@@ -60,7 +60,7 @@ impl Survey {
                 if !seen.insert(path.clone()) {
                     bail!("{}: named by two [[strips]] sections; name it once", path.display());
                 }
-                files.push(open(path, section, project.project.time, &mut notes)?);
+                files.push(open(&path, section, project.project.time, &mut notes)?);
             }
         }
         let strips = files.len();
@@ -124,8 +124,8 @@ pub fn expand(project: &Project, pattern: &str) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-fn open(path: PathBuf, section: usize, choice: TimeChoice, notes: &mut Vec<String>) -> Result<SurveyFile> {
-    let las = LasFile::open(&path)?;
+fn open(path: &Path, section: usize, choice: TimeChoice, notes: &mut Vec<String>) -> Result<SurveyFile> {
+    let las = LasFile::open(path)?;
     let guess = guess_time(&las)?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(note) = &guess.note {
@@ -254,7 +254,7 @@ impl Survey {
             let name = path.file_name();
             let old = self.strip_files().find(|f| f.las.path().file_name() == name);
             let mut notes = Vec::new();
-            let mut file = open(path.clone(), old.map_or(0, |f| f.section), TimeChoice::Auto, &mut notes)?;
+            let mut file = open(path, old.map_or(0, |f| f.section), TimeChoice::Auto, &mut notes)?;
             file.number = old.map_or_else(|| u16::try_from(number).unwrap_or(0), |f| f.number);
             file.time_shift_s = self.clock.shift_s(file.encoding).context("adjusted time without a week")?;
             files.push(file);

@@ -81,7 +81,7 @@ impl SurveyClock {
     pub fn gps_time(&self, survey_s: f64) -> Option<GpsTime> {
         let weeks = (survey_s / SECONDS_PER_WEEK).floor();
         let week = f64::from(self.reference_week?) + weeks;
-        (week >= 0.0).then(|| GpsTime { week: week as u32, seconds_of_week: survey_s - weeks * SECONDS_PER_WEEK })
+        (week >= 0.0).then_some(GpsTime { week: week as u32, seconds_of_week: survey_s - weeks * SECONDS_PER_WEEK })
     }
 }
 
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn adjusted_time_keeps_every_bit_on_the_survey_clock() {
-        let adjusted_s = 306_235_306.123_456_78_f64;
+        let adjusted_s = 306_235_306.123_456_8_f64;
         let clock = SurveyClock::from_adjusted_s(adjusted_s);
         let shift = clock.shift_s(TimeEncoding::AdjustedStandard).expect("the week is known");
         let survey_s = adjusted_s + shift;

@@ -260,6 +260,7 @@ mod tests {
 
     proptest! {
         #[test]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)]
         fn the_quick_whole_numbers_are_those_of_the_library(value in -1e12_f64..1e12) {
             prop_assert!((nearest(value) as f64 - value).abs() <= 0.5);
             prop_assert_eq!(floor(value), value.floor() as i64);

@@ -9,7 +9,7 @@ use crate::block::SourceKey;
 use crate::moments::Moments;
 
 /// Columns along the edge of a tile.
-pub const TILE_COLUMNS: i32 = 1 << TILE_BITS;
+pub(crate) const TILE_COLUMNS: i32 = 1 << TILE_BITS;
 const TILE_BITS: u32 = 5;
 const HIGH_BITS: u32 = 17;
 const HIGH_BIAS: i32 = 1 << (HIGH_BITS - 1);
@@ -79,7 +79,7 @@ pub struct CellKey {
 }
 
 /// Length of a time bin \[s\]: visits of one source to one cell further apart than two bins are two passes.
-pub const TIME_BIN_S: f64 = 8.0;
+pub(crate) const TIME_BIN_S: f64 = 8.0;
 
 /// The sums of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]

@@ -6,9 +6,9 @@
 use bytemuck::{Pod, Zeroable};
 
 /// Steps in a metre.
-pub const STEPS_PER_METRE: f64 = 16_384.0;
+pub(crate) const STEPS_PER_METRE: f64 = 16_384.0;
 /// Ticks of the time sum in a second.
-pub const TICKS_PER_SECOND: f64 = 1_048_576.0;
+pub(crate) const TICKS_PER_SECOND: f64 = 1_048_576.0;
 
 /// Sums over the points of one cell: count, first and second moments, time and intensity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]

@@ -117,7 +117,7 @@ impl Patch {
 /// Closed form of Smith (1961), *Eigenvalues of a symmetric 3 × 3 matrix*; vectors as cross products of the rows
 /// of `A - λ I`. `None` when the matrix is zero or not finite.
 #[must_use]
-pub fn principal_axes(a: &Matrix3<f64>) -> Option<([f64; 3], Vector3<f64>, Vector3<f64>)> {
+pub(crate) fn principal_axes(a: &Matrix3<f64>) -> Option<([f64; 3], Vector3<f64>, Vector3<f64>)> {
     let mean = a.trace() / 3.0;
     let shifted = a - Matrix3::identity() * mean;
     let p = (shifted.norm_squared() / 6.0).sqrt();

@@ -172,7 +172,6 @@ fn residuals_about_a_rigid_motion(distances: &[Distance]) -> Vec<f64> {
         let turn = (d.point_m - centre).cross(&d.normal) / reach;
         Vector6::new(d.normal.x, d.normal.y, d.normal.z, turn.x, turn.y, turn.z)
     };
-    let mut motion = Vector6::zeros();
     let mut residuals: Vec<f64> = distances.iter().map(|d| d.distance_m).collect();
     for _ in 0..10 {
         let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
@@ -185,8 +184,7 @@ fn residuals_about_a_rigid_motion(distances: &[Distance]) -> Vec<f64> {
             normal += a * a.transpose() * weight;
             right += a * (d.distance_m * weight);
         }
-        let Some(next) = normal.cholesky().map(|c| c.solve(&right)) else { break };
-        motion = next;
+        let Some(motion) = normal.cholesky().map(|c| c.solve(&right)) else { break };
         for (d, r) in distances.iter().zip(&mut residuals) {
             *r = d.distance_m - row(d).dot(&motion);
         }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use crate::block::SourceKey;
 
 /// Length of a sketch bin \[s\].
-pub const SKETCH_BIN_S: f64 = 0.5;
+pub(crate) const SKETCH_BIN_S: f64 = 0.5;
 /// Return pairs kept in a bin: those furthest apart.
 const PAIRS_PER_BIN: usize = 128;
 /// Sample points kept in a bin: those of smallest hash.
@@ -62,7 +62,7 @@ pub struct BinSketch {
 /// Keeps the `limit` rows of largest key; amortised by pruning at twice the limit.
 fn keep_best<T: Copy>(rows: &mut Vec<(u64, T)>, limit: usize) {
     if rows.len() > limit {
-        rows.sort_by(|a, b| b.0.cmp(&a.0));
+        rows.sort_by_key(|row| std::cmp::Reverse(row.0));
         rows.truncate(limit);
     }
 }
@@ -127,8 +127,8 @@ impl BinSketch {
     fn settle(&mut self) {
         keep_best(&mut self.pairs, PAIRS_PER_BIN);
         keep_best(&mut self.samples, SAMPLES_PER_BIN);
-        self.pairs.sort_by(|a, b| b.0.cmp(&a.0));
-        self.samples.sort_by(|a, b| b.0.cmp(&a.0));
+        self.pairs.sort_by_key(|row| std::cmp::Reverse(row.0));
+        self.samples.sort_by_key(|row| std::cmp::Reverse(row.0));
     }
 
     /// The kept return pairs, widest first.

@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use tieline_filter::frames::roll_pitch_heading_rad;
 use tieline_filter::{Correction, Pose, Trajectory, ned_from_body};
 use tieline_graph::{Calibration, PointMap, PoseCorrection};
-use tieline_io::las::EditError;
+use tieline_io::las::{Columns, EditError};
 
 use crate::navigation::{common_pieces_s, median_interval_s, pieces_s};
 use crate::report::data::FileSummary;
@@ -25,6 +25,8 @@ const BLOCK_S: f64 = 0.5;
 const KNOT_SPACING_S: (f64, f64) = (0.005, 0.05);
 /// A correction is held beyond its first and last row for this long \[s\].
 const HELD_S: f64 = 1.0;
+/// Chunks of a file whose times are checked before anything is written.
+const CHECKED_CHUNKS: usize = 9;
 /// Stamps are rounded: this much \[s\] beyond the end of a trajectory is not beyond it.
 const ROUNDING_S: f64 = 1e-3;
 
@@ -98,15 +100,20 @@ impl Difference {
         }
     }
 
-    /// Checks by a sample of its times that a file is covered.
+    /// Checks that a file is covered, by the times of up to nine of its chunks, first and last among them.
     ///
     /// # Errors
-    /// When it is not.
+    /// When it is not, or cannot be read.
     pub fn check(&self, file: &SurveyFile) -> Result<()> {
-        let Some(range_s) = file.sampled_range_s else { return Ok(()) };
-        for time_s in range_s.map(|t| t + file.time_shift_s) {
-            if self.piece(time_s).is_none() {
-                bail!("{}: {}", file.las.path().display(), self.not_covered(time_s));
+        let (mut records, mut columns) = (Vec::new(), Columns::default());
+        let last = file.las.chunk_count().saturating_sub(1);
+        let taken = CHECKED_CHUNKS.min(last + 1);
+        for k in 0..taken {
+            file.las.read_columns(last * k / (taken - 1).max(1), &mut records, &mut columns)?;
+            for time_s in columns.gps_time.iter().map(|t| t + file.time_shift_s) {
+                if self.piece(time_s).is_none() {
+                    bail!("{}: {}", file.las.path().display(), self.not_covered(time_s));
+                }
             }
         }
         Ok(())

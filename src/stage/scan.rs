@@ -44,8 +44,7 @@ pub fn scan(survey: &Survey, settings: &Settings, progress: &Progress) -> Result
         .map(|_| {
             let mut accumulator = Accumulator::new(settings.grid.clone());
             let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
-            loop {
-                let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+            while let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let file = &survey.files[*f];
                 file.las.read_columns(*chunk, &mut records, &mut columns)?;
                 zeros.resize(columns.len(), 0.0);

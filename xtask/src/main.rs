@@ -1,5 +1,7 @@
 //! Proofs, man pages and completions: `cargo run --release -p xtask -- prove strips`.
 
+#![allow(clippy::print_stdout)] // a program of proofs prints them
+
 mod prove;
 
 use clap::{Parser, Subcommand};

@@ -11,14 +11,15 @@ use tieline_io::las::{Columns, LasFile, TimeGuess, guess_time};
 
 use super::{Description, count};
 
-/// Chunks of the sample, spread over the file, and points of each.
-const SAMPLE: (usize, u64) = (9, 2000);
+/// Chunks of the sample, spread over the file.
+const SAMPLED_CHUNKS: usize = 9;
 
 pub(super) fn describe(path: &Path) -> Result<Description> {
     let file = LasFile::open(path)?;
     let header = file.header();
-    let guess = guess_time(&file)?;
     let sample = Sample::of(&file)?;
+    let guess = TimeGuess { sampled_range_s: sample.range_s, ..guess_time(&file)? };
+    let of_sample = if sample.points == header.point_count { "" } else { " (of a sample)" };
     let extra = extra_bytes(&file.record("LASF_Spec", 4)?);
     let format = match (header.is_copc, header.is_compressed) {
         (true, _) => "COPC",
@@ -55,10 +56,10 @@ pub(super) fn describe(path: &Path) -> Result<Description> {
         ("height [m]", box_text(2)),
         ("scale, offset [m]", format!("{:?}, {:?}", header.scale, header.offset)),
         ("reference system", crs_text.clone()),
-        ("time", time_text(&guess)),
+        ("time", time_text(&guess, of_sample)),
     ];
     if let Some((first, last)) = &utc {
-        lines.push(("date", format!("{first} to {last} (of a sample)")));
+        lines.push(("date", format!("{first} to {last}{of_sample}")));
     }
     lines.push(("point source ids", format!("{} (of {} points)", list(&sample.sources), count(sample.points))));
     lines.push(("scanner channels", list(&sample.channels)));
@@ -104,6 +105,7 @@ type Counts = BTreeMap<u16, u64>;
 #[derive(Default)]
 struct Sample {
     points: u64,
+    range_s: Option<[f64; 2]>,
     sources: Counts,
     channels: Counts,
     user_data: Counts,
@@ -116,10 +118,13 @@ impl Sample {
         let mut sample = Self::default();
         let (mut records, mut columns) = (Vec::new(), Columns::default());
         let last = file.chunk_count().saturating_sub(1);
-        let taken = SAMPLE.0.min(last + 1);
+        let taken = SAMPLED_CHUNKS.min(last + 1);
         for k in 0..taken {
-            file.read_chunk_start(last * k / (taken - 1).max(1), SAMPLE.1, &mut records)?;
-            columns.fill(&records, file.layout());
+            file.read_columns(last * k / (taken - 1).max(1), &mut records, &mut columns)?;
+            for time_s in columns.gps_time.iter().filter(|t| t.is_finite()) {
+                let range = sample.range_s.get_or_insert([*time_s; 2]);
+                *range = [range[0].min(*time_s), range[1].max(*time_s)];
+            }
             sample.points += columns.len() as u64;
             let tally = |counts: &mut Counts, value: u16| *counts.entry(value).or_default() += 1;
             columns.point_source_id.iter().for_each(|v| tally(&mut sample.sources, *v));
@@ -169,14 +174,14 @@ fn word(encoding: TimeEncoding) -> &'static str {
     }
 }
 
-fn time_text(guess: &TimeGuess) -> String {
+fn time_text(guess: &TimeGuess, of_sample: &str) -> String {
     let mut text = match guess.encoding {
         Some(TimeEncoding::AdjustedStandard) => String::from("adjusted GPS time"),
         Some(TimeEncoding::SecondsOfWeek) => String::from("seconds of a GPS week"),
         None => String::from("none that can be used"),
     };
     if let Some([least_s, greatest_s]) = guess.sampled_range_s {
-        text.push_str(&format!(", {least_s:.6} s to {greatest_s:.6} s (of a sample)"));
+        text.push_str(&format!(", {least_s:.6} s to {greatest_s:.6} s{of_sample}"));
     }
     if let Some(note) = &guess.note {
         text.push_str(&format!("; {note}"));

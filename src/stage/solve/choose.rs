@@ -41,6 +41,7 @@ const LEAST_GAIN: f64 = 0.002;
 const FOLDS: u64 = 5;
 
 /// What a model is called.
+#[must_use]
 pub fn name(model: Option<TimeModel>) -> String {
     match model {
         None => String::from("calibration only"),

@@ -165,7 +165,7 @@ fn priors(project: &Project, poses: &Poses, strip: u32, start_s: f64, end_s: f64
     let least = |v: Vector3<f64>, floor: f64| v.map(|x| x.max(floor));
     (
         position
-            .map(|s| Vector3::repeat(s))
+            .map(Vector3::repeat)
             .or(file_position)
             .map_or_else(|| Vector3::repeat(UNKNOWN_POSITION_M), |v| least(v, 1e-4)),
         attitude

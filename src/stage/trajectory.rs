@@ -1,8 +1,8 @@
 //! The trajectory of every strip: read from a file, or rebuilt from the points.
 
 use anyhow::{Context, Result, bail};
-use nalgebra::Vector3;
-use tieline_filter::{Pose, PoseSigma, PositionFrame, TimeEncoding, Trajectory, ned_from_body};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector4};
+use tieline_filter::{Pose, PoseSigma, PositionFrame, TimeEncoding, Trajectory, TrajectoryError, ned_from_body};
 use tieline_io::trajectory::{ReadOptions, TrajectoryFormat, read};
 use tieline_matching::{
     BinSketch, PathSource, ReturnPair, SamplePoint, SensorPath, SourceKey, StripIndex, level_path,
@@ -32,12 +32,43 @@ pub struct PathReport {
     pub note: String,
 }
 
-/// A rebuilt path between stages: level, so that its heading is its attitude.
+/// A rebuilt path between stages, to the last bit.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StoredPath {
     time_s: Vec<f64>,
     position_m: Vec<Vector3<f64>>,
-    heading_rad: Vec<f64>,
+    /// Quaternions x, y, z, w from body to north-east-down.
+    attitude: Vec<Vector4<f64>>,
+    velocity_ned_mps: Vec<Vector3<f64>>,
+    /// Position \[m\], velocity \[m/s\], attitude \[rad\]; empty when unknown.
+    sigma: Vec<[Vector3<f64>; 3]>,
+}
+
+impl StoredPath {
+    fn of(t: &Trajectory) -> Self {
+        Self {
+            time_s: t.time_s().to_vec(),
+            position_m: t.position().to_vec(),
+            attitude: t.ned_from_body().iter().map(|q| q.coords).collect(),
+            velocity_ned_mps: t.velocity_ned_mps().to_vec(),
+            sigma: t.sigma().iter().map(|s| [s.position_ned_m, s.velocity_ned_mps, s.attitude_rph_rad]).collect(),
+        }
+    }
+
+    fn trajectory(self) -> Result<Trajectory, TrajectoryError> {
+        let attitude = self.attitude.into_iter().map(|q| UnitQuaternion::new_unchecked(Quaternion::from(q))).collect();
+        let frame = PositionFrame::Map;
+        let path = Trajectory::new(frame, self.time_s, self.position_m, attitude, self.velocity_ned_mps)?;
+        if self.sigma.is_empty() {
+            return Ok(path);
+        }
+        let sigma = |[position_ned_m, velocity_ned_mps, attitude_rph_rad]: [Vector3<f64>; 3]| PoseSigma {
+            position_ned_m,
+            velocity_ned_mps,
+            attitude_rph_rad,
+        };
+        path.with_sigma(self.sigma.into_iter().map(sigma).collect())
+    }
 }
 
 /// The poses of all strips.
@@ -73,12 +104,7 @@ impl Poses {
     /// The rebuilt paths, to be stored between stages; the trajectory of a file is read anew.
     #[must_use]
     pub fn stored(&self) -> Vec<Option<StoredPath>> {
-        let store = |t: &Trajectory| StoredPath {
-            time_s: t.time_s().to_vec(),
-            position_m: t.position().to_vec(),
-            heading_rad: t.ned_from_body().iter().map(|q| q.euler_angles().2).collect(),
-        };
-        self.by_strip.iter().map(|path| path.as_ref().map(store)).collect()
+        self.by_strip.iter().map(|path| path.as_ref().map(StoredPath::of)).collect()
     }
 
     /// Poses of stored paths, or of the project's trajectory.
@@ -93,11 +119,8 @@ impl Poses {
         notes: Vec<String>,
     ) -> Result<Self> {
         let shared = load(project, survey, &mut Vec::new())?;
-        let restore = |p: StoredPath| {
-            let attitudes = p.heading_rad.iter().map(|h| ned_from_body(0.0, 0.0, *h)).collect();
-            Trajectory::new(PositionFrame::Map, p.time_s, p.position_m, attitudes, Vec::new())
-        };
-        let by_strip = paths.into_iter().map(|p| p.map(restore).transpose()).collect::<Result<_, _>>()?;
+        let by_strip =
+            paths.into_iter().map(|p| p.map(StoredPath::trajectory).transpose()).collect::<Result<_, _>>()?;
         Ok(Self { shared, by_strip, reports, notes })
     }
 

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::Vector3;
 use tieline_graph::Model;
+use tieline_io::las::Columns;
 use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
 
 use crate::progress::Progress;
@@ -91,15 +92,49 @@ pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) 
     })?;
     let scanned = clock.time("scan", || scan(&survey, &settings, &options.progress))?;
     let points = scanned.counts.read;
+    if scanned.counts.without_time > 0 {
+        return Err(first_without_time(&survey, scanned.counts.without_time));
+    }
     let strips = StripIndex::new(&scanned.sketches, settings.strips, |source, number, of| {
         strip_name(&survey, source, number, of)
     });
+    check_fixed(project, &strips)?;
     let poses = clock.time("trajectory", || Poses::new(project, &survey, &strips, &scanned.sketches))?;
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
     let ties = clock.time("ties", || find(scanned, &strips, &settings, &control))?;
     let (rule, sigma_floor_m, settings) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.list);
     Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, points })
+}
+
+/// The error of points whose time is not a number: names the first of them.
+fn first_without_time(survey: &Survey, count: u64) -> anyhow::Error {
+    let (mut records, mut columns) = (Vec::new(), Columns::default());
+    for file in &survey.files {
+        for chunk in 0..file.las.chunk_count() {
+            if let Err(error) = file.las.read_columns(chunk, &mut records, &mut columns) {
+                return error.into();
+            }
+            if let Some(index) = columns.gps_time.iter().position(|t| !t.is_finite()) {
+                return anyhow!(
+                    "{}: point {} has a GPS time that is not a number, as {count} points of the survey have; \
+                     remove them or export the strips again",
+                    file.las.path().display(),
+                    file.las.chunk_points(chunk).start + index as u64
+                );
+            }
+        }
+    }
+    anyhow!("{count} points have a GPS time that is not a number; remove them or export the strips again")
+}
+
+/// Strips that the project holds fixed must be there.
+fn check_fixed(project: &Project, strips: &StripIndex) -> Result<()> {
+    let names: Vec<&str> = strips.strips().iter().map(|s| s.name.as_str()).collect();
+    if let Some(unknown) = project.solve.fixed.iter().find(|name| !names.contains(&name.as_str())) {
+        bail!("solve.fixed names \"{unknown}\", which is no strip of this survey: there are {}", names.join(", "));
+    }
+    Ok(())
 }
 
 /// Name of a strip: what tells it apart, with a number when one source has several strips.
@@ -129,7 +164,7 @@ fn check_overlap(strips: &StripIndex, sketches: &[((SourceKey, i64), tieline_mat
     });
     if !meets && !several_scanners {
         let names: Vec<&str> = strips.strips().iter().map(|s| s.name.as_str()).collect();
-        anyhow::bail!(
+        bail!(
             "no two strips overlap ({} found: {}); give strips that overlap, or say how they are told apart (strips.split)",
             names.len(),
             names.join(", ")
@@ -155,7 +190,7 @@ fn control_points(project: &Project, survey: &Survey) -> Result<Vec<ControlPoint
                 if number == 0 {
                     continue; // a header
                 }
-                anyhow::bail!(
+                bail!(
                     "{}, line {}: easting, northing, height and optionally sigma in metres are due, found \"{line}\"",
                     path.display(),
                     number + 1
@@ -181,6 +216,7 @@ pub fn setup_of(project: &Project, matched: &Matched) -> Setup {
 /// # Errors
 /// When there are too few ties.
 pub fn solve_strips(project: &Project, matched: &Matched, clock: &mut Clock) -> Result<Solution> {
+    check_fixed(project, &matched.strips)?;
     let setup = setup_of(project, matched);
     clock.time("solve", || solve(project, setup, &matched.ties, &matched.poses))
 }

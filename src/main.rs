@@ -11,7 +11,11 @@ use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
     let cli = Cli::parse(); // prints usage and exits with 2 by itself
-    let level = if cli.common.quiet { LevelFilter::ERROR } else { LevelFilter::INFO };
+    let level = match (cli.common.quiet, cli.common.verbose) {
+        (true, _) => LevelFilter::ERROR,
+        (_, true) => LevelFilter::DEBUG,
+        _ => LevelFilter::INFO,
+    };
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(io::stderr)
@@ -30,8 +34,13 @@ fn main() -> ExitCode {
     }
 }
 
+/// Whether the reader of standard output went away, whoever met it: a write or the JSON serialiser.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe))
+    let kind = |cause: &(dyn std::error::Error + 'static)| {
+        let written = cause.downcast_ref::<io::Error>().map(io::Error::kind);
+        written.or_else(|| cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind))
+    };
+    error.chain().filter_map(kind).any(|kind| kind == io::ErrorKind::BrokenPipe)
 }
 
 fn run(cli: &Cli) -> Result<()> {
@@ -52,8 +61,9 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Trajectory(command) => trajectory::run(command, common, &mut out),
         Command::Simulate { scenario, out: folder } => simulate::run(scenario, folder, common, &mut out),
         Command::Completions { shell } => {
-            clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut out);
-            Ok(())
+            let mut script = Vec::new(); // the generator panics where a pipe is closed
+            clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut script);
+            Ok(out.write_all(&script)?)
         }
         Command::Man => Ok(clap_mangen::Man::new(Cli::command()).render(&mut out)?),
     }

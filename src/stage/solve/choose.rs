@@ -37,6 +37,10 @@ const LEAST_GAIN_T: f64 = 2.0;
 const STRIP_GAIN_T: f64 = 3.0;
 /// Relative gain in the held-out loss below which it is not worth the unknowns.
 const LEAST_GAIN: f64 = 0.002;
+/// Relative gain of one strip that is worth having though few places speak for it: it needs one standard error only.
+const LARGE_GAIN: f64 = 0.1;
+/// See [`LARGE_GAIN`].
+const LARGE_GAIN_T: f64 = 0.9;
 /// Parts that are held out in turn.
 const FOLDS: u64 = 5;
 
@@ -81,7 +85,11 @@ pub(super) fn choose(
         let all = solve(&flexible)?;
         let all_losses = cross_validated(&all, &scales, measured)?;
         let wanted: Vec<bool> = (0..strips.len())
-            .map(|i| able(i) && agrees(gain(&best_losses, &all_losses, |strip| strip == Some(i)), STRIP_GAIN_T))
+            .map(|i| {
+                let (g, t) = gain(&best_losses, &all_losses, |strip| strip == Some(i));
+                tracing::debug!("strip {i}, {}: {:+.1} % misfit, {t:+.1} standard errors", name(*model), -100.0 * g);
+                able(i) && (agrees((g, t), STRIP_GAIN_T) || (g >= LARGE_GAIN && t >= LARGE_GAIN_T))
+            })
             .collect();
         let count = wanted.iter().filter(|w| **w).count();
         if count == 0 {
@@ -102,7 +110,7 @@ pub(super) fn choose(
             (solved, losses)
         };
         let (g, t) = gain(&best_losses, &losses, |_| true);
-        let good = agrees((g, t), LEAST_GAIN_T);
+        let good = agrees((g, t), LEAST_GAIN_T) || agrees((g, t), LARGE_GAIN_T);
         let verdict = if good { "held-out ties agree" } else { "held-out ties do not agree" };
         let reason = format!(
             "{verdict} for {count} of {} strips: {:+.1} % misfit, {t:+.1} standard errors",

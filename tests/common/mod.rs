@@ -1,5 +1,5 @@
 //! A small simulated survey in a folder of its own, the program run on it, and LAS files damaged on purpose.
-#![allow(dead_code, clippy::expect_used, clippy::missing_panics_doc)] // each test uses a part of it
+#![allow(dead_code, clippy::expect_used)] // each test uses a part of it
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use tieline_simulate::scenario::{Area, Flight, LineGroup, OutputOptions, Scanner
 use tieline_simulate::{Scenario, simulate};
 
 /// Three strips over 120 m × 120 m: two side by side and one across them, 100 000 points.
-pub fn scenario() -> Scenario {
+pub(crate) fn scenario() -> Scenario {
     let group =
         |direction_deg, lines| LineGroup { direction_deg, height_m: 350.0, lines, spacing_m: 60.0, offset_m: 0.0 };
     Scenario {
@@ -40,37 +40,37 @@ pub fn scenario() -> Scenario {
 }
 
 /// A folder with a survey in `survey/`, gone when dropped.
-pub struct Bench {
+pub(crate) struct Bench {
     folder: TempDir,
 }
 
 impl Bench {
     /// The survey of [`scenario`].
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let bench = Self { folder: tempfile::tempdir().expect("a folder") };
         simulate(&scenario(), &bench.path("survey")).expect("simulated");
         bench
     }
 
-    pub fn root(&self) -> &Path {
+    pub(crate) fn root(&self) -> &Path {
         self.folder.path()
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub fn strip(&self, number: usize) -> PathBuf {
+    pub(crate) fn strip(&self, number: usize) -> PathBuf {
         self.path(&format!("survey/strips/strip_{number:02}.laz"))
     }
 
     /// Runs the program in the folder.
-    pub fn tieline(&self, arguments: &[&str]) -> Ran {
+    pub(crate) fn tieline(&self, arguments: &[&str]) -> Ran {
         self.tieline_with(arguments, |_| {})
     }
 
     /// Runs the program in the folder, with the command changed before.
-    pub fn tieline_with(&self, arguments: &[&str], change: impl FnOnce(&mut Command)) -> Ran {
+    pub(crate) fn tieline_with(&self, arguments: &[&str], change: impl FnOnce(&mut Command)) -> Ran {
         let mut command = Command::new(env!("CARGO_BIN_EXE_tieline"));
         command.args(arguments).current_dir(self.root()).stdin(Stdio::null()).env("RUST_BACKTRACE", "1");
         change(&mut command);
@@ -78,21 +78,21 @@ impl Bench {
     }
 
     /// Changes the text of the project file.
-    pub fn edit_project(&self, change: impl FnOnce(String) -> String) {
+    pub(crate) fn edit_project(&self, change: impl FnOnce(String) -> String) {
         let path = self.path("survey/project.toml");
         let text = std::fs::read_to_string(&path).expect("a project");
         std::fs::write(&path, change(text)).expect("written");
     }
 
     /// The files below a folder with their contents, by their path in it.
-    pub fn files(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+    pub(crate) fn files(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
         let mut files = BTreeMap::new();
         collect(&self.path(folder), "", &mut files);
         files
     }
 
     /// Runs the survey into `out`, which must refuse: one message with these words, and nothing half-written.
-    pub fn refuses_to_run(&self, words: &[&str]) {
+    pub(crate) fn refuses_to_run(&self, words: &[&str]) {
         let ran = self.tieline(&["run", "survey/project.toml", "--out", "out"]);
         ran.assert_refused(words);
         let left: Vec<String> = self.files("out").into_keys().collect();
@@ -113,10 +113,10 @@ fn collect(folder: &Path, name: &str, files: &mut BTreeMap<String, Vec<u8>>) {
 
 /// What the program answered.
 #[derive(Debug)]
-pub struct Ran {
-    pub code: Option<i32>,
-    pub out: String,
-    pub err: String,
+pub(crate) struct Ran {
+    pub(crate) code: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) err: String,
 }
 
 impl Ran {
@@ -125,13 +125,13 @@ impl Ran {
         Self { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
     }
 
-    pub fn assert_success(&self) -> &Self {
+    pub(crate) fn assert_success(&self) -> &Self {
         assert_eq!(self.code, Some(0), "{self:?}");
         self
     }
 
     /// Exit code 1, and one readable message on standard error that holds the words.
-    pub fn assert_refused(&self, words: &[&str]) {
+    pub(crate) fn assert_refused(&self, words: &[&str]) {
         assert_eq!(self.code, Some(1), "{self:?}");
         assert_eq!(self.out, "", "nothing on standard output");
         assert!(self.err.starts_with("tieline: "), "notes before the message: {}", self.err);
@@ -146,21 +146,21 @@ impl Ran {
     }
 
     /// Standard output as JSON.
-    pub fn json(&self) -> serde_json::Value {
+    pub(crate) fn json(&self) -> serde_json::Value {
         self.assert_success();
         serde_json::from_str(&self.out).expect("valid JSON")
     }
 }
 
 /// Overwrites bytes of a file.
-pub fn patch(path: &Path, at: usize, bytes: &[u8]) {
+pub(crate) fn patch(path: &Path, at: usize, bytes: &[u8]) {
     let mut content = std::fs::read(path).expect("readable");
     content[at..at + bytes.len()].copy_from_slice(bytes);
     std::fs::write(path, content).expect("written");
 }
 
 /// All points of a file in columns.
-pub fn read_points(path: &Path) -> Columns {
+pub(crate) fn read_points(path: &Path) -> Columns {
     let file = LasFile::open(path).expect("opens");
     let mut bytes = Vec::new();
     for chunk in 0..file.chunk_count() {
@@ -174,7 +174,7 @@ pub fn read_points(path: &Path) -> Columns {
 }
 
 /// Writes a file again with other points, and options changed.
-pub fn write_points_again(path: &Path, points: &Columns, change: impl FnOnce(&mut LasWriterOptions)) {
+pub(crate) fn write_points_again(path: &Path, points: &Columns, change: impl FnOnce(&mut LasWriterOptions)) {
     let header = LasFile::open(path).expect("opens").header().clone();
     let mut options = LasWriterOptions {
         scale: header.scale,
@@ -189,7 +189,7 @@ pub fn write_points_again(path: &Path, points: &Columns, change: impl FnOnce(&mu
 }
 
 /// Changes the GPS times of a file.
-pub fn change_times(path: &Path, change: impl Fn(usize, f64) -> f64) {
+pub(crate) fn change_times(path: &Path, change: impl Fn(usize, f64) -> f64) {
     let mut points = read_points(path);
     for (index, time_s) in points.gps_time.iter_mut().enumerate() {
         *time_s = change(index, *time_s);
@@ -198,7 +198,7 @@ pub fn change_times(path: &Path, change: impl Fn(usize, f64) -> f64) {
 }
 
 /// Coordinates \[m\] of all points of a file.
-pub fn coordinates_m(path: &Path) -> Vec<[f64; 3]> {
+pub(crate) fn coordinates_m(path: &Path) -> Vec<[f64; 3]> {
     let header = LasFile::open(path).expect("opens").header().clone();
     let points = read_points(path);
     let metre = |value: i32, axis: usize| f64::from(value) * header.scale[axis] + header.offset[axis];
@@ -206,14 +206,14 @@ pub fn coordinates_m(path: &Path) -> Vec<[f64; 3]> {
 }
 
 /// Largest difference of coordinates \[m\] of two files with the same points.
-pub fn largest_difference_m(a: &Path, b: &Path) -> f64 {
+pub(crate) fn largest_difference_m(a: &Path, b: &Path) -> f64 {
     let (a, b) = (coordinates_m(a), coordinates_m(b));
     assert_eq!(a.len(), b.len());
     a.iter().zip(&b).flat_map(|(p, q)| (0..3).map(move |k| (p[k] - q[k]).abs())).fold(0.0, f64::max)
 }
 
 /// Raw records of all points of a file, with their length.
-pub fn raw_records(path: &Path) -> (Vec<u8>, usize) {
+pub(crate) fn raw_records(path: &Path) -> (Vec<u8>, usize) {
     let file = LasFile::open(path).expect("opens");
     let (mut all, mut records) = (Vec::new(), Vec::new());
     for chunk in 0..file.chunk_count() {

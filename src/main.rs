@@ -27,20 +27,37 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            // one readable message: the chain of causes, without a backtrace
-            let _ = writeln!(io::stderr(), "tieline: {error:#}");
+            let _ = writeln!(io::stderr(), "tieline: {}", message_of(&error));
             ExitCode::FAILURE
         }
     }
 }
 
-/// Whether the reader of standard output went away, whoever met it: a write or the JSON serialiser.
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let kind = |cause: &(dyn std::error::Error + 'static)| {
+/// One readable message: the chain of causes, each said once, and what to do about a full disk.
+fn message_of(error: &anyhow::Error) -> String {
+    let mut message = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !message.contains(&cause) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    if kinds_of(error).any(|kind| kind == io::ErrorKind::StorageFull) {
+        message.push_str("; free some space, or name a folder on another disk with --out");
+    }
+    message
+}
+
+/// Kinds of the operating system's errors in a chain, whoever met them: a read, a write or the JSON serialiser.
+fn kinds_of(error: &anyhow::Error) -> impl Iterator<Item = io::ErrorKind> {
+    error.chain().filter_map(|cause| {
         let written = cause.downcast_ref::<io::Error>().map(io::Error::kind);
         written.or_else(|| cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind))
-    };
-    error.chain().filter_map(kind).any(|kind| kind == io::ErrorKind::BrokenPipe)
+    })
+}
+
+/// Whether the reader of standard output went away.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    kinds_of(error).any(|kind| kind == io::ErrorKind::BrokenPipe)
 }
 
 fn run(cli: &Cli) -> Result<()> {

@@ -35,6 +35,7 @@ fn draw(area: &Area<'_>, rows: &[Row]) -> Result<(), Box<dyn std::error::Error>>
 
 fn panel(area: &Area<'_>, rows: &[Row], first: usize, caption: &str) -> Result<(), Box<dyn std::error::Error>> {
     let (start_s, end_s) = (rows[0].time_s, rows[rows.len() - 1].time_s.max(rows[0].time_s + 1e-3));
+    let room_for_legend_s = 0.18 * (end_s - start_s);
     let values = || rows.iter().flat_map(|r| r.values[first..first + 3].iter().copied());
     let low = values().fold(0.0, f64::min);
     let high = values().fold(0.0, f64::max);
@@ -44,17 +45,30 @@ fn panel(area: &Area<'_>, rows: &[Row], first: usize, caption: &str) -> Result<(
         .caption(caption, ("sans-serif", 16))
         .x_label_area_size(34)
         .y_label_area_size(72)
-        .build_cartesian_2d(start_s..end_s, (low - margin)..(high + margin))?;
+        .build_cartesian_2d(start_s..end_s + room_for_legend_s, (low - margin)..(high + margin))?;
     chart.configure_mesh().x_desc("GPS time [s]").light_line_style(WHITE).draw()?;
     for (k, colour) in COLOURS.iter().enumerate() {
-        let line = thinned(rows, first + k);
-        chart
-            .draw_series(LineSeries::new(line, colour))?
-            .label(NAMES[first + k])
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], *colour));
+        for (number, piece) in pieces(rows).into_iter().enumerate() {
+            let series = chart.draw_series(LineSeries::new(thinned(piece, first + k), colour))?;
+            if number == 0 {
+                let sample = move |(x, y)| PathElement::new([(x, y), (x + 18, y)], *colour);
+                series.label(NAMES[first + k]).legend(sample);
+            }
+        }
     }
     chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
     Ok(())
+}
+
+/// Rows between gaps: no line is drawn over times that were not compared.
+fn pieces(rows: &[Row]) -> Vec<&[Row]> {
+    let mut intervals: Vec<f64> = rows.windows(2).map(|r| r[1].time_s - r[0].time_s).collect();
+    if intervals.is_empty() {
+        return vec![rows];
+    }
+    let middle = intervals.len() / 2;
+    let longest_s = (5.0 * *intervals.select_nth_unstable_by(middle, f64::total_cmp).1).max(0.5);
+    rows.chunk_by(|a, b| b.time_s - a.time_s <= longest_s).collect()
 }
 
 /// Least and greatest value of each column of pixels: no peak is lost, and the file stays small.

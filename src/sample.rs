@@ -10,7 +10,7 @@ use crate::project::{Project, ScannerChoice, SplitWord};
 use crate::survey::{Survey, SurveyFile};
 
 /// Chunks that are looked at.
-const CHUNKS: usize = 6;
+const CHUNKS: usize = 5;
 /// Of these, chunks that density is taken from.
 const DENSITY_CHUNKS: usize = 3;
 

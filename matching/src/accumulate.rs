@@ -130,6 +130,7 @@ impl Accumulator {
         let step = block.scale_m.map(|s| s * STEPS_PER_METRE);
         let start: [f64; 3] = std::array::from_fn(|k| (block.offset_m[k] - origin_m[k]) * STEPS_PER_METRE);
         let mask = (1_i64 << cell_bits) - 1;
+        let (rule, filter) = (self.options.rule, self.options.filter.clone()); // out of reach of the sums: stay in registers
         let mut last_key = CellKey::default();
         let mut last_row = usize::MAX;
         for i in 0..block.len() {
@@ -139,14 +140,14 @@ impl Accumulator {
                 self.counts.without_time += 1;
                 continue;
             }
-            let source = self.options.rule.source(block, i);
+            let source = rule.source(block, i);
             let steps = [
                 nearest(f64::from(block.x[i]) * step[0] + start[0]),
                 nearest(f64::from(block.y[i]) * step[1] + start[1]),
                 nearest(f64::from(block.z[i]) * step[2] + start[2]),
             ];
             self.sketch(block, i, source, time_s, steps);
-            if !self.options.filter.takes(block, i) {
+            if !filter.takes(block, i) {
                 continue;
             }
             let cell = steps.map(|v| v >> cell_bits);

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_matching::{
-    BinSketch, End, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
+    BinSketch, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
     is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
 };
 
@@ -69,7 +69,7 @@ pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[Con
             .map(|cells| {
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
-                thin_level(&mut patches, per_tile, settings);
+                thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 add_control(&mut patches, control, settings);
                 let lines = pair(&patches, &settings.pairing);
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
@@ -184,19 +184,41 @@ fn judge(ties: &mut Ties, strips: &StripIndex, settings: &Settings) {
             !known && is_held_out(&ties.lines[*i], settings.seed, settings.hold_out, place_m)
         })
         .collect();
-    let mut next = 0;
+    mark_budget(ties);
+}
+
+/// Marks the ties that the budget left out, counts all reasons, and lets go of most of the ties left out for nothing but
+/// the budget: they are counted, and a sample of them stays for the maps.
+fn mark_budget(ties: &mut Ties) {
+    const KEPT_FOR_THE_MAPS: usize = 1_000;
+    let selected: BTreeSet<usize> = ties.selected.iter().copied().collect();
+    let mut left_out = 0;
+    let mut keep = Vec::with_capacity(ties.lines.len());
     for (i, line) in ties.lines.iter_mut().enumerate() {
-        if ties.selected.get(next) == Some(&i) {
-            next += 1;
-        } else if line.is_tie() {
+        let unused = !selected.contains(&i) && line.is_tie();
+        if unused {
             for end in line.ends.iter_mut().filter(|e| e.rejection.is_none()) {
                 end.rejection = Some(Rejection::Budget);
             }
+            left_out += 1;
         }
-    }
-    for End { rejection, .. } in ties.lines.iter().flat_map(|l| &l.ends) {
-        if let Some(reason) = rejection {
+        for reason in line.ends.iter().filter_map(|e| e.rejection) {
             *ties.rejected.entry(reason.as_str().to_string()).or_default() += 1;
         }
+        keep.push(!unused || left_out <= KEPT_FOR_THE_MAPS);
     }
+    let mut new_row = vec![0; keep.len()];
+    let mut next = 0;
+    for (row, kept) in new_row.iter_mut().zip(&keep) {
+        *row = next;
+        next += usize::from(*kept);
+    }
+    for row in &mut ties.selected {
+        *row = new_row[*row];
+    }
+    let mut row = 0;
+    ties.lines.retain(|_| {
+        row += 1;
+        keep[row - 1]
+    });
 }

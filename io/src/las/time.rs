@@ -9,7 +9,7 @@ use super::file::LasFile;
 /// Chunks that are sampled, spread over the file.
 const SAMPLED_CHUNKS: usize = 9;
 /// Points that are looked at in each of them.
-const SAMPLED_POINTS: u64 = 1_000;
+const SAMPLED_POINTS: u64 = 200;
 /// Seconds of week stay below this \[s\]: a week of 604 800 s, and a day and more past its end.
 const LONGEST_WEEK_S: f64 = 700_000.0;
 /// Adjusted times stay below this \[s\] until 2043; above lie GPS or Unix seconds from which 10⁹ was not taken.
@@ -28,7 +28,7 @@ pub struct TimeGuess {
     pub sampled_range_s: Option<[f64; 2]>,
 }
 
-/// Recognises the time of a file by up to 1000 points at the start of up to nine of its chunks.
+/// Recognises the time of a file by up to 200 points at the start of up to nine of its chunks.
 ///
 /// # Errors
 /// When a sampled chunk cannot be read.

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use tieline_graph::Model;
 use tieline_io::las::Columns;
 use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
@@ -238,8 +239,9 @@ pub fn correct_strips(
     clock.time("correct", || {
         let corrections = Corrections::new(setup, model, &matched.strips, &matched.poses, matched.rule, inverse)?;
         let bar = progress.bar("correcting strips", matched.survey.points());
+        // files side by side as well: small ones leave cores idle while one is being finished
         let files = output_names(&matched.survey)
-            .into_iter()
+            .into_par_iter()
             .map(|(i, name)| {
                 let file = &matched.survey.files[i];
                 correct_file(file, &folder.join(name), &corrections, project.correct.scale_m, &|n| bar.inc(n))

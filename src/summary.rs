@@ -259,6 +259,7 @@ fn adjustment(matched: &Matched, solution: &Solution) -> AdjustmentSummary {
                 observed: result.observability.share[i],
             }
         })
+        .chain(relative_calibration(matched, solution))
         .collect();
     let unobservable = result
         .observability
@@ -308,6 +309,39 @@ fn adjustment(matched: &Matched, solution: &Solution) -> AdjustmentSummary {
         outliers: result.ends.iter().flatten().filter(|e| e.outlier).count(),
         warnings: warnings(matched, solution),
     }
+}
+
+/// Calibration of the scanners of one mission against the first of them: what ties between scanners determine, however
+/// little is known of what they have in common.
+fn relative_calibration(matched: &Matched, solution: &Solution) -> Vec<ParameterSummary> {
+    let parameters = solution.parameters();
+    let covariance = &solution.adjustment.covariance;
+    let mut rows = Vec::new();
+    for (i, p) in parameters.iter().enumerate() {
+        let ParameterBlock::Calibration(block) = p.block else { continue };
+        let b = solution.setup.blocks[block];
+        let first = solution.setup.blocks.iter().position(|o| o.mission == b.mission);
+        let Some(first) = first.filter(|f| *f != block) else { continue };
+        let same = |q: &Parameter| q.block == ParameterBlock::Calibration(first) && q.name == p.name;
+        let Some(j) = parameters.iter().position(same) else { continue };
+        let variance = (covariance[(i, i)] + covariance[(j, j)] - 2.0 * covariance[(i, j)]).max(0.0);
+        let prior_variance = 2.0 * p.prior_sigma * p.prior_sigma;
+        let (unit, factor) = unit_of(p);
+        rows.push(ParameterSummary {
+            block: format!(
+                "{} less {}",
+                block_name(matched, solution, p.block),
+                block_name(matched, solution, ParameterBlock::Calibration(first))
+            ),
+            name: p.name.clone(),
+            unit: unit.to_string(),
+            value: (solution.model.state()[i] - solution.model.state()[j]) * factor,
+            sigma: variance.sqrt() * factor,
+            prior_sigma: prior_variance.sqrt() * factor,
+            observed: (1.0 - variance / prior_variance).clamp(0.0, 1.0),
+        });
+    }
+    rows
 }
 
 fn strip_model(solution: &Solution) -> String {

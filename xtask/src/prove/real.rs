@@ -107,7 +107,18 @@ pub(crate) fn dual_scanner() -> Result<Vec<Row>> {
     let (mut rows, summary, _) = bounds("als-ign-dual-scanner", "psid+user", 1.0, 10.5)?;
     let empty = Vec::new();
     let parameters = summary["calibration"]["parameters"].as_array().unwrap_or(&empty);
-    let heads = parameters.iter().filter(|p| p["name"] == "boresight roll").count();
+    let heads = parameters.iter().filter(|p| p["name"] == "boresight roll").count() - 1; // less the difference of the two
+    let relative = |name: &str| {
+        let of_both = |p: &&Value| p["name"] == name && p["block"].as_str().is_some_and(|b| b.contains(" less "));
+        parameters.iter().find(of_both).map_or(f64::NAN, |p| number(&p["observed"]))
+    };
+    rows.push(Row::between(
+        "ign: relative roll, share determined by the ties",
+        relative("boresight roll"),
+        0.99,
+        1.0,
+        "",
+    ));
     #[allow(clippy::cast_precision_loss)]
     rows.push(Row::between("ign: heads with a boresight of their own", heads as f64, 2.0, 2.0, ""));
     for p in parameters.iter().filter(|p| p["block"].as_str().is_some_and(|b| b.starts_with("scanner"))) {

@@ -1,4 +1,4 @@
-//! Rasters as GeoTIFF: one band of 32-bit floats, deflated, placed by cell size and corner, with its reference system.
+//! Rasters as `GeoTIFF`: one band of 32-bit floats, deflated, placed by cell size and corner, with its reference system.
 
 use std::io::Cursor;
 
@@ -9,14 +9,14 @@ use tiff::tags::Tag;
 
 use super::grid::Raster;
 
-/// GeoTIFF 1.1, keys of the directory: model type, raster type, projected system.
+/// `GeoTIFF` 1.1, keys of the directory: model type, raster type, projected system.
 const GT_MODEL_TYPE: u16 = 1024;
 const GT_RASTER_TYPE: u16 = 1025;
 const PROJECTED_CRS: u16 = 3072;
 const MODEL_PROJECTED: u16 = 1;
 const PIXEL_IS_AREA: u16 = 1;
 
-/// The raster as the bytes of a GeoTIFF; cells without a value are NaN, which the file declares as its nodata value.
+/// The raster as the bytes of a `GeoTIFF`; cells without a value are NaN, which the file declares as its nodata value.
 ///
 /// # Errors
 /// When the encoder refuses, as for an empty raster.
@@ -31,7 +31,6 @@ pub fn encode(raster: &Raster, epsg: Option<u32>) -> TiffResult<Vec<u8>> {
     directory.write_tag(Tag::GeoKeyDirectoryTag, &keys(epsg)[..])?;
     directory.write_tag(Tag::GdalNodata, "nan")?;
     image.write_data(&raster.values)?;
-    drop(encoder);
     Ok(bytes.into_inner())
 }
 

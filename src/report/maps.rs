@@ -9,6 +9,9 @@ use super::data::TiePoint;
 use super::grid::{Grid, Raster, extent};
 use super::number::round_up;
 
+/// A colour and the ties that are drawn in it.
+type Class = (Rgba, fn(&TiePoint) -> bool);
+
 /// Surfaces steeper than this say little about heights: least upward component of the unit normal.
 const LEAST_NORMAL_UP: f64 = 0.5;
 /// Pixels on the long side of the map of ties.
@@ -112,7 +115,7 @@ fn ties(points: &[TiePoint]) -> ImageResult<Option<Picture>> {
     let radius = (0.35 * spacing_m / cell_m).clamp(1.0, 5.0);
     let Some(grid) = Grid::around(&places, cell_m, radius + 1.0) else { return Ok(None) };
     let mut canvas = vec![NOTHING; grid.len()];
-    let classes: [(Rgba, fn(&TiePoint) -> bool); 3] =
+    let classes: [Class; 3] =
         [(USED, |p| !p.held_out && !p.outlier), (HELD_OUT, |p| p.held_out && !p.outlier), (OUTLIER, |p| p.outlier)];
     for (colour, is_member) in classes {
         for point in points.iter().filter(|p| is_member(p)) {

@@ -28,7 +28,7 @@ pub enum ReportError {
     /// A map cannot be encoded as PNG.
     #[error("cannot draw a map: {0}")]
     Picture(#[from] image::ImageError),
-    /// A map cannot be encoded as GeoTIFF.
+    /// A map cannot be encoded as `GeoTIFF`.
     #[error("cannot write a raster: {0}")]
     Raster(#[from] tiff::TiffError),
 }

@@ -44,9 +44,9 @@ fn map(caption: &str, picture: &Picture, legend: &str) -> String {
     let class = if picture.limit_m.is_some() { "map cells" } else { "map" };
     let cell = if picture.limit_m.is_some() { format!(", cells of {} m", grid.cell_m) } else { String::new() };
     let mut out = format!("<figure><figcaption>{}</figcaption>\n", escape(caption));
-    let _ = write!(
+    let _ = writeln!(
         out,
-        "<div class=\"frame\" style=\"max-width:{:.1}vh\"><img class=\"{class}\" width=\"{}\" height=\"{}\" alt=\"Map: {}\" src=\"{}\">\n",
+        "<div class=\"frame\" style=\"max-width:{:.1}vh\"><img class=\"{class}\" width=\"{}\" height=\"{}\" alt=\"Map: {}\" src=\"{}\">",
         (75.0 * width_m / height_m).max(20.0),
         grid.columns,
         grid.rows,
@@ -58,9 +58,9 @@ fn map(caption: &str, picture: &Picture, legend: &str) -> String {
         "<div class=\"scalebar\" style=\"width:{:.2}%\">{bar}</div></div>\n{legend}",
         100.0 * bar_m / width_m
     );
-    let _ = write!(
+    let _ = writeln!(
         out,
-        "<p class=\"note\">East {} to {} m, north {} to {} m{cell}</p></figure>\n",
+        "<p class=\"note\">East {} to {} m, north {} to {} m{cell}</p></figure>",
         fixed(grid.west_m, 0),
         fixed(grid.west_m + width_m, 0),
         fixed(grid.north_m - height_m, 0),

@@ -103,7 +103,7 @@ pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) 
     let poses = clock.time("trajectory", || Poses::new(project, &survey, &strips, &scanned.sketches))?;
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
-    let ties = clock.time("ties", || find(scanned, &strips, &settings, &control))?;
+    let ties = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
     let (rule, sigma_floor_m, settings) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.list);
     Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, points })
 }

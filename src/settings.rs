@@ -22,6 +22,17 @@ pub struct Setting {
     pub reason: String,
 }
 
+/// Limits that were asked for; none by default.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Limits {
+    /// Scanners that take part, 0-based.
+    pub scanners: Option<Vec<u16>>,
+    /// Nearest and farthest range \[m\].
+    pub range_m: Option<[f64; 2]>,
+    /// West, south, east, north in map coordinates \[m\].
+    pub area_m: Option<[f64; 4]>,
+}
+
 /// All settings of matching.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -31,6 +42,8 @@ pub struct Settings {
     pub patch: PatchOptions,
     /// What makes a tie.
     pub pairing: PairingOptions,
+    /// Limits that were asked for.
+    pub limits: Limits,
     /// What tells strips apart in time.
     pub strips: StripOptions,
     /// Most ties.
@@ -122,6 +135,16 @@ impl Settings {
         let reason = if m.normal_angle_deg.is_some() { asked } else { "beyond three sigmas of the two normals" };
         tell("match.normal_angle_deg", format!("{:.1}", normal_angle_rad.to_degrees()), reason);
 
+        let limits = Limits { scanners: m.scanners.clone(), range_m: m.range_m, area_m: m.area_m };
+        if let Some(scanners) = &limits.scanners {
+            tell("match.scanners", format!("{scanners:?}"), asked);
+        }
+        if let Some(range_m) = &limits.range_m {
+            tell("match.range_m", format!("{range_m:?}"), asked);
+        }
+        if let Some(area_m) = &limits.area_m {
+            tell("match.area_m", format!("{area_m:?}"), asked);
+        }
         let max_ties = m.max_ties.unwrap_or(6_000);
         let reason = if m.max_ties.is_some() { asked } else { "far more than the unknowns need" };
         tell("match.max_ties", max_ties.to_string(), reason);
@@ -132,6 +155,7 @@ impl Settings {
             grid,
             patch: PatchOptions { levels, min_points, max_roughness_m },
             pairing: PairingOptions { search_m, normal_angle_rad, ..defaults },
+            limits,
             strips,
             max_ties,
             min_spacing_m: m.min_spacing_m.unwrap_or(0.0),

@@ -142,3 +142,29 @@ fn a_fixed_strip_that_is_not_there_is_named() {
     bench.edit_project(|text| format!("{text}\n[solve]\nfixed = [\"17\"]\n"));
     bench.refuses_to_run(&["solve.fixed", "17"]);
 }
+
+#[test]
+fn limits_of_area_range_and_scanner_keep_ties_out() {
+    let bench = Bench::new();
+    let found = |name: &str, limits: &str| {
+        if !limits.is_empty() {
+            bench.edit_project(|text| format!("{text}\n[match]\n{limits}\n"));
+        }
+        let ran = bench.tieline(&["match", "survey/project.toml", "--json", "--out", name]);
+        ran.assert_success();
+        let json = ran.json();
+        if !limits.is_empty() {
+            bench.edit_project(|text| text.replace(&format!("\n[match]\n{limits}\n"), ""));
+        }
+        (json["found"].as_u64().expect("a count"), json["rejected"]["limits"].as_u64().unwrap_or(0))
+    };
+    let all = found("all", "");
+    assert_eq!(all.1, 0);
+    let nearer = found("nearer", "range_m = [0.0, 10.0]");
+    assert!(nearer.0 == 0 && nearer.1 > 0, "nothing lies within ten metres of an aircraft");
+    let far = found("far", "range_m = [0.0, 5000.0]");
+    assert_eq!(far, all);
+    assert_eq!(found("scanner", "scanners = [3]").0, 0);
+    let elsewhere = found("area", "area_m = [-9e6, -9e6, -8e6, -8e6]");
+    assert!(elsewhere.0 == 0 && elsewhere.1 > 0);
+}

@@ -10,8 +10,9 @@ use tieline_matching::{
     is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
 };
 
-use crate::settings::Settings;
+use crate::settings::{Limits, Settings};
 use crate::stage::scan::Scan;
+use crate::stage::trajectory::Poses;
 
 /// Strip number of a known point.
 pub const CONTROL_STRIP: u32 = u32::MAX;
@@ -51,7 +52,13 @@ const CANDIDATES: usize = 2;
 ///
 /// # Errors
 /// When cells that were spilled to disk cannot be read back.
-pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[ControlPoint]) -> Result<Ties> {
+pub fn find(
+    scan: Scan,
+    strips: &StripIndex,
+    settings: &Settings,
+    control: &[ControlPoint],
+    poses: &Poses,
+) -> Result<Ties> {
     let mut ties = Ties::default();
     let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles(&scan.sketches, settings).max(1)).max(12);
     let mut merge = TileMerge::new(scan.runs).context("reading back a temporary file")?;
@@ -64,20 +71,25 @@ pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[Con
         if batch.is_empty() {
             break;
         }
-        let found: Vec<(u64, Vec<SurfaceLine>, u64, Vec<SurfaceLine>)> = batch
+        let found: Vec<(u64, u64, Vec<SurfaceLine>, u64, Vec<SurfaceLine>)> = batch
             .into_par_iter()
             .map(|cells| {
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
+                patches.retain(|p| is_within(p, &settings.limits, poses, &settings.grid.origin_m));
+                let beyond = count - patches.len() as u64;
                 thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 add_control(&mut patches, control, settings);
                 let lines = pair(&patches, &settings.pairing);
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
-                (count, thin(tied, per_tile), found, loose.into_iter().take(per_tile / 4).collect())
+                (count, beyond, thin(tied, per_tile), found, loose.into_iter().take(per_tile / 4).collect())
             })
             .collect();
-        for (patches, tied, found, loose) in found {
+        for (patches, beyond, tied, found, loose) in found {
+            if beyond > 0 {
+                *ties.rejected.entry(Rejection::Limits.as_str().to_string()).or_default() += beyond;
+            }
             ties.patches += patches;
             ties.found += found;
             ties.lines.extend(tied);
@@ -86,6 +98,21 @@ pub fn find(scan: Scan, strips: &StripIndex, settings: &Settings, control: &[Con
     }
     judge(&mut ties, strips, settings);
     Ok(ties)
+}
+
+/// Whether a patch lies within the limits that were asked for.
+fn is_within(patch: &Patch, limits: &Limits, poses: &Poses, origin_m: &[f64; 3]) -> bool {
+    let map_m = patch.centroid_m + Vector3::from(*origin_m);
+    let in_area = limits.area_m.is_none_or(|[west, south, east, north]| {
+        (west..=east).contains(&map_m.x) && (south..=north).contains(&map_m.y)
+    });
+    let of_scanner = limits.scanners.as_ref().is_none_or(|s| s.contains(&patch.sighting.scanner));
+    let in_range = limits.range_m.is_none_or(|[near, far]| {
+        // control surfaces have no pose and no range
+        let pose = poses.at(patch.sighting.strip, patch.time_s);
+        pose.is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm()))
+    });
+    in_area && of_scanner && in_range
 }
 
 /// Number of tiles that hold points, by the sparse sample.

@@ -43,6 +43,15 @@ pub struct ControlPoint {
     pub sigma_m: f64,
 }
 
+/// What one tile gives: patches, those beyond the limits, ties found, ties kept, lines without a tie.
+struct OfTile {
+    patches: u64,
+    beyond: u64,
+    found: u64,
+    tied: Vec<SurfaceLine>,
+    loose: Vec<SurfaceLine>,
+}
+
 /// Tiles worked on at a time.
 const BATCH: usize = 64;
 /// Candidates kept per tie of the budget.
@@ -71,7 +80,7 @@ pub fn find(
         if batch.is_empty() {
             break;
         }
-        let found: Vec<(u64, u64, Vec<SurfaceLine>, u64, Vec<SurfaceLine>)> = batch
+        let found: Vec<OfTile> = batch
             .into_par_iter()
             .map(|cells| {
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
@@ -83,17 +92,18 @@ pub fn find(
                 let lines = pair(&patches, &settings.pairing);
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
-                (count, beyond, thin(tied, per_tile), found, loose.into_iter().take(per_tile / 4).collect())
+                let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
+                OfTile { patches: count, beyond, found, tied, loose }
             })
             .collect();
-        for (patches, beyond, tied, found, loose) in found {
-            if beyond > 0 {
-                *ties.rejected.entry(Rejection::Limits.as_str().to_string()).or_default() += beyond;
+        for tile in found {
+            if tile.beyond > 0 {
+                *ties.rejected.entry(Rejection::Limits.as_str().to_string()).or_default() += tile.beyond;
             }
-            ties.patches += patches;
-            ties.found += found;
-            ties.lines.extend(tied);
-            ties.lines.extend(loose);
+            ties.patches += tile.patches;
+            ties.found += tile.found;
+            ties.lines.extend(tile.tied);
+            ties.lines.extend(tile.loose);
         }
     }
     judge(&mut ties, strips, settings);

@@ -43,7 +43,7 @@ pub struct JobArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Memory for patches, in MiB
-    #[arg(long, value_name = "MIB", default_value_t = 768)]
+    #[arg(long, value_name = "MIB", default_value_t = 256)]
     pub memory: u64,
     /// Write ties.csv beside ties.parquet
     #[arg(long)]

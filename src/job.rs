@@ -34,7 +34,7 @@ pub struct JobOptions {
 }
 
 /// Memory for patches when none is asked for \[bytes\].
-pub const DEFAULT_MEMORY_BYTES: u64 = 768 << 20;
+pub const DEFAULT_MEMORY_BYTES: u64 = 256 << 20;
 
 /// The seconds of each stage.
 #[derive(Debug, Default)]

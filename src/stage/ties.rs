@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_matching::{
-    BinSketch, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
+    BinSketch, Cell, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
     is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
 };
 
@@ -83,6 +83,7 @@ pub fn find(
         let found: Vec<OfTile> = batch
             .into_par_iter()
             .map(|cells| {
+                let cells = thin_cells(cells, 3 * per_tile / 2, settings);
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
                 patches.retain(|p| is_within(p, &settings.limits, poses, &settings.grid.origin_m));
@@ -135,6 +136,22 @@ fn tiles(sketches: &[((SourceKey, i64), BinSketch)], settings: &Settings) -> usi
         .map(|s| ((s.point_m[0] / width_m).floor() as i64, (s.point_m[1] / width_m).floor() as i64))
         .collect::<BTreeSet<_>>()
         .len()
+}
+
+/// Where a tile has more room for ties than the budget can use, keeps whole blocks of columns, chosen by a hash of their
+/// place: `limit` is the number of largest cells to look at.
+#[allow(clippy::cast_precision_loss, clippy::cast_sign_loss)]
+fn thin_cells(mut cells: Vec<Cell>, limit: usize, settings: &Settings) -> Vec<Cell> {
+    let nodes = (1_usize << (5 - settings.patch.levels.min(5))).pow(2); // in a full tile of 32 × 32 columns
+    if limit < nodes {
+        let share = limit as f64 / nodes as f64;
+        let block = |cell: &Cell| {
+            let [x, y, _] = cell.key.place.indices();
+            mix(mix((x >> 2) as u64) ^ (y >> 2) as u64) as f64
+        };
+        cells.retain(|cell| block(cell) < share * u64::MAX as f64);
+    }
+    cells
 }
 
 /// Where a tile has far more level patches than it needs, keeps whole blocks of them, chosen by a hash of their place;

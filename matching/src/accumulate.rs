@@ -173,8 +173,7 @@ impl Accumulator {
     #[inline]
     #[allow(clippy::cast_precision_loss)]
     fn sketch(&mut self, block: &PointBlock<'_>, i: usize, source: SourceKey, time_s: f64, steps: [i64; 3]) {
-        let bin = self.sketches.at(source, time_s);
-        bin.see(time_s);
+        self.sketches.see(source, time_s);
         let returns = block.number_of_returns[i];
         let sampled = (block.first_point + i as u64).is_multiple_of(SAMPLE_STRIDE);
         if returns < 2 && !sampled {
@@ -183,7 +182,7 @@ impl Accumulator {
         let point_m = steps.map(|v| v as f64 / STEPS_PER_METRE);
         let scan_angle_deg = block.scan_angle_deg[i];
         if sampled {
-            bin.offer_sample(SamplePoint { time_s, point_m, scan_angle_deg });
+            self.sketches.offer_sample(source, SamplePoint { time_s, point_m, scan_angle_deg });
         }
         if returns < 2 {
             return;
@@ -197,8 +196,9 @@ impl Accumulator {
         if number == 1 {
             *pending = PendingPulse { time_bits, source, first_m: point_m };
         } else if number == returns && pending.time_bits == time_bits && pending.source == source {
-            bin.offer_pair(ReturnPair { time_s, first_m: pending.first_m, last_m: point_m, scan_angle_deg });
+            let pair = ReturnPair { time_s, first_m: pending.first_m, last_m: point_m, scan_angle_deg };
             pending.time_bits = u64::MAX;
+            self.sketches.offer_pair(source, pair);
         }
     }
 

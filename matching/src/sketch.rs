@@ -10,10 +10,26 @@ use crate::block::SourceKey;
 
 /// Length of a sketch bin \[s\].
 pub(crate) const SKETCH_BIN_S: f64 = 0.5;
-/// Return pairs kept in a bin: those furthest apart.
-const PAIRS_PER_BIN: usize = 128;
-/// Sample points kept in a bin: those of smallest hash.
-const SAMPLES_PER_BIN: usize = 48;
+/// Bins up to which the full number of rows is kept in each; beyond, fewer, so that a long survey takes no more memory.
+const BINS_IN_FULL: usize = 1024;
+
+/// Rows kept in a bin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Limits {
+    /// Return pairs: those furthest apart.
+    pairs: usize,
+    /// Sample points: those of largest hash.
+    samples: usize,
+}
+
+impl Limits {
+    /// Falls with the number of bins, at powers of two. A thread sees no more bins than all together, so it never
+    /// drops a row that the union would keep.
+    fn of(bins: usize) -> Self {
+        let fold = ((bins.max(1) + 1).next_power_of_two() / 2 / BINS_IN_FULL).max(1);
+        Self { pairs: (128 / fold).max(8), samples: (48 / fold).max(4) }
+    }
+}
 
 /// First and last return of one pulse, in the local frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,7 +78,7 @@ pub struct BinSketch {
 /// Keeps the `limit` rows of largest key; amortised by pruning at twice the limit.
 fn keep_best<T: Copy>(rows: &mut Vec<(u64, T)>, limit: usize) {
     if rows.len() > limit {
-        rows.sort_by_key(|row| std::cmp::Reverse(row.0));
+        rows.select_nth_unstable_by_key(limit, |row| std::cmp::Reverse(row.0));
         rows.truncate(limit);
     }
 }
@@ -88,27 +104,25 @@ impl BinSketch {
         self.points += 1;
     }
 
-    /// Offers a return pair; the widest are kept.
-    pub fn offer_pair(&mut self, pair: ReturnPair) {
+    fn offer_pair(&mut self, pair: ReturnPair, limits: Limits) {
         // separation in 0.1 mm, ties broken by the bits of the time: a total order
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let key = (((pair.separation_m() * 1e4) as u64) << 24) | (mix(pair.time_s.to_bits()) & 0xff_ffff);
         self.pairs.push((key, pair));
-        if self.pairs.len() >= 2 * PAIRS_PER_BIN {
-            keep_best(&mut self.pairs, PAIRS_PER_BIN);
+        if self.pairs.len() >= 2 * limits.pairs {
+            keep_best(&mut self.pairs, limits.pairs);
         }
     }
 
-    /// Offers a sample point; those of largest hash are kept.
-    pub fn offer_sample(&mut self, sample: SamplePoint) {
+    fn offer_sample(&mut self, sample: SamplePoint, limits: Limits) {
         let key = mix(sample.time_s.to_bits() ^ sample.point_m[0].to_bits().rotate_left(17));
         self.samples.push((key, sample));
-        if self.samples.len() >= 2 * SAMPLES_PER_BIN {
-            keep_best(&mut self.samples, SAMPLES_PER_BIN);
+        if self.samples.len() >= 2 * limits.samples {
+            keep_best(&mut self.samples, limits.samples);
         }
     }
 
-    fn merge(&mut self, other: Self) {
+    fn merge(&mut self, other: Self, limits: Limits) {
         if self.points == 0 {
             *self = other;
             return;
@@ -120,15 +134,20 @@ impl BinSketch {
         }
         self.pairs.extend(other.pairs);
         self.samples.extend(other.samples);
-        keep_best(&mut self.pairs, PAIRS_PER_BIN);
-        keep_best(&mut self.samples, SAMPLES_PER_BIN);
+        self.prune(limits);
     }
 
-    fn settle(&mut self) {
-        keep_best(&mut self.pairs, PAIRS_PER_BIN);
-        keep_best(&mut self.samples, SAMPLES_PER_BIN);
-        self.pairs.sort_by_key(|row| std::cmp::Reverse(row.0));
-        self.samples.sort_by_key(|row| std::cmp::Reverse(row.0));
+    fn prune(&mut self, limits: Limits) {
+        keep_best(&mut self.pairs, limits.pairs);
+        keep_best(&mut self.samples, limits.samples);
+    }
+
+    fn settle(&mut self, limits: Limits) {
+        self.prune(limits);
+        self.pairs.sort_unstable_by_key(|row| std::cmp::Reverse(row.0));
+        self.samples.sort_unstable_by_key(|row| std::cmp::Reverse(row.0));
+        self.pairs.shrink_to_fit();
+        self.samples.shrink_to_fit();
     }
 
     /// The kept return pairs, widest first.
@@ -142,56 +161,86 @@ impl BinSketch {
 }
 
 /// The sketches of all sources, by source and bin.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Sketches {
     index: HashMap<(SourceKey, i64), u32>,
     rows: Vec<((SourceKey, i64), BinSketch)>,
     last: Option<((SourceKey, i64), u32)>,
+    limits: Limits,
+}
+
+impl Default for Sketches {
+    fn default() -> Self {
+        Self { index: HashMap::new(), rows: Vec::new(), last: None, limits: Limits::of(0) }
+    }
 }
 
 impl Sketches {
-    /// The sketch of a source at a time, made when it is not there.
+    /// Counts a point of a source.
+    #[inline]
+    pub fn see(&mut self, source: SourceKey, time_s: f64) {
+        let row = self.row(source, time_s);
+        self.rows[row].1.see(time_s);
+    }
+
+    /// Offers a return pair; the widest of a bin are kept.
+    pub fn offer_pair(&mut self, source: SourceKey, pair: ReturnPair) {
+        let row = self.row(source, pair.time_s);
+        self.rows[row].1.offer_pair(pair, self.limits);
+    }
+
+    /// Offers a sample point; those of largest hash are kept.
+    pub fn offer_sample(&mut self, source: SourceKey, sample: SamplePoint) {
+        let row = self.row(source, sample.time_s);
+        self.rows[row].1.offer_sample(sample, self.limits);
+    }
+
+    /// The row of a source at a time, made when it is not there.
     #[inline]
     #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // fewer than 2³² bins; times are small
-    pub fn at(&mut self, source: SourceKey, time_s: f64) -> &mut BinSketch {
+    fn row(&mut self, source: SourceKey, time_s: f64) -> usize {
         if let Some((last, row)) = self.last
             && last.0 == source
             && (time_s * (1.0 / SKETCH_BIN_S) - last.1 as f64 - 0.5).abs() < 0.499_999
         {
-            return &mut self.rows[row as usize].1;
+            return row as usize;
         }
         let key = (source, (time_s / SKETCH_BIN_S).floor() as i64);
-        let row = match self.last {
-            Some((last, row)) if last == key => row,
-            _ => {
-                let next = self.rows.len() as u32;
-                let row = *self.index.entry(key).or_insert(next);
-                if row == next {
-                    self.rows.push((key, BinSketch::default()));
+        let next = self.rows.len() as u32;
+        let row = *self.index.entry(key).or_insert(next);
+        if row == next {
+            self.rows.push((key, BinSketch::default()));
+            let limits = Limits::of(self.rows.len());
+            if limits != self.limits {
+                self.limits = limits;
+                for (_, sketch) in &mut self.rows {
+                    sketch.prune(limits);
+                    sketch.pairs.shrink_to_fit();
+                    sketch.samples.shrink_to_fit();
                 }
-                self.last = Some((key, row));
-                row
             }
-        };
-        &mut self.rows[row as usize].1
+        }
+        self.last = Some((key, row));
+        row as usize
     }
 
     /// Takes in the sketches of another thread.
     pub fn merge(&mut self, other: Self) {
         for ((source, bin), sketch) in other.rows {
             #[allow(clippy::cast_precision_loss)]
-            self.at(source, (bin as f64 + 0.5) * SKETCH_BIN_S).merge(sketch);
+            let row = self.row(source, (bin as f64 + 0.5) * SKETCH_BIN_S);
+            self.rows[row].1.merge(sketch, self.limits);
         }
     }
 
     /// All bins, by source and time.
     #[must_use]
     pub fn into_sorted(self) -> Vec<((SourceKey, i64), BinSketch)> {
-        let mut rows = self.rows;
+        let (mut rows, limits) = (self.rows, self.limits);
         for (_, sketch) in &mut rows {
-            sketch.settle();
+            sketch.settle(limits);
         }
-        rows.sort_by_key(|(key, _)| *key);
+        rows.sort_unstable_by_key(|(key, _)| *key);
         rows
     }
 }
@@ -202,22 +251,33 @@ mod tests {
 
     #[test]
     fn two_halves_merged_in_any_order_are_the_same_sketch() {
+        halves_agree(3_000, 0.001);
+        // so many bins that fewer rows are kept in each
+        halves_agree(60_000, 0.05);
+    }
+
+    #[test]
+    fn rows_of_a_bin_fall_with_the_number_of_bins() {
+        assert_eq!(Limits::of(0), Limits { pairs: 128, samples: 48 });
+        assert_eq!(Limits::of(2 * BINS_IN_FULL - 1), Limits { pairs: 128, samples: 48 });
+        assert_eq!(Limits::of(2 * BINS_IN_FULL), Limits { pairs: 64, samples: 24 });
+        assert_eq!(Limits::of(1_000_000), Limits { pairs: 8, samples: 4 });
+    }
+
+    fn halves_agree(count: u32, step_s: f64) {
         let offer = |sketches: &mut Sketches, i: u32| {
-            let time_s = f64::from(i) * 0.001;
-            let bin = sketches.at(SourceKey::new(0, 1, 0), time_s);
-            bin.see(time_s);
-            bin.offer_sample(SamplePoint { time_s, point_m: [f64::from(i), 0.0, 0.0], scan_angle_deg: 0.0 });
-            bin.offer_pair(ReturnPair {
-                time_s,
-                first_m: [0.0, 0.0, f64::from(i % 97)],
-                last_m: [0.0; 3],
-                scan_angle_deg: 0.0,
-            });
+            let time_s = f64::from(i) * step_s;
+            let source = SourceKey::new(0, 1, 0);
+            sketches.see(source, time_s);
+            sketches
+                .offer_sample(source, SamplePoint { time_s, point_m: [f64::from(i), 0.0, 0.0], scan_angle_deg: 0.0 });
+            let first_m = [0.0, 0.0, f64::from(i % 97)];
+            sketches.offer_pair(source, ReturnPair { time_s, first_m, last_m: [0.0; 3], scan_angle_deg: 0.0 });
         };
         let (mut a, mut b, mut whole) = (Sketches::default(), Sketches::default(), Sketches::default());
-        for i in 0..3_000 {
+        for i in 0..count {
             offer(if i % 3 == 0 { &mut a } else { &mut b }, i);
-            offer(&mut whole, 2_999 - i);
+            offer(&mut whole, count - 1 - i);
         }
         let (mut ab, mut ba) = (a.clone(), b.clone());
         ab.merge(b);

@@ -155,7 +155,7 @@ mod tests {
     fn sketches(rows: &[(SourceKey, f64)]) -> Vec<((SourceKey, i64), BinSketch)> {
         let mut sketches = Sketches::default();
         for (source, time_s) in rows {
-            sketches.at(*source, *time_s).see(*time_s);
+            sketches.see(*source, *time_s);
         }
         sketches.into_sorted()
     }

@@ -5,7 +5,7 @@ use super::number::round_up;
 /// Most cells on the long side of a map of values.
 const MOST_CELLS: f64 = 600.0;
 /// Fewest cells on the long side, however sparse the ties are.
-const FEWEST_CELLS: f64 = 60.0;
+const FEWEST_CELLS: f64 = 24.0;
 /// Places a cell should hold on average: about one, so that cells are as wide as the ties are apart.
 const PLACES_PER_CELL: f64 = 1.5;
 

@@ -11,7 +11,7 @@ const LEAD: &str = "Values of the sensor's mounting and ranges with their standa
 much of a value comes from this survey: at 100 % the ties alone decide, at 0 % it is the value assumed beforehand and its sigma \
 is the one assumed (prior).";
 const TRIAL_LEAD: &str = "A model with more freedom fits the ties it is given better in any case. It was taken only where ties \
-that it was not given agree that it is better, by more than chance: the gain counts standard errors of that improvement.";
+that it was not given agree that it is better, by more than one standard error of that improvement: the gain counts them.";
 
 /// Parameters and what is held by the prior.
 pub(crate) fn calibration(summary: &Summary) -> String {
@@ -19,24 +19,13 @@ pub(crate) fn calibration(summary: &Summary) -> String {
     if c.iterations == 0 && c.parameters.is_empty() && c.strip_model.is_empty() {
         return String::new();
     }
-    let mut table = Table::new(
-        "Calibration parameters",
-        &[
-            ("Of", "", Align::Text),
-            ("Parameter", "", Align::Text),
-            ("Value", "", Align::Number),
-            ("Sigma", "", Align::Number),
-            ("Prior sigma", "", Align::Number),
-            ("Unit", "", Align::Text),
-            ("Known from ties", "", Align::Text),
-        ],
-    );
-    for parameter in c.parameters.iter().take(MOST_ROWS) {
-        table.row_of_html("", &row(parameter));
-    }
-    let mut body = table.html();
-    if c.parameters.len() > MOST_ROWS {
-        body += &format!("<p>The first {MOST_ROWS} of {} parameters.</p>\n", length(c.parameters.len()));
+    // the mounting first, for it is what a survey is calibrated for; the many rows of strips folded away
+    let (of_strips, of_mounting): (Vec<_>, Vec<_>) = c.parameters.iter().partition(|p| p.block.starts_with("strip "));
+    let mut body = parameters("Calibration parameters", &of_mounting);
+    let strips = parameters("Corrections of the strips, as parameters", &of_strips);
+    if !strips.is_empty() {
+        let n = length(of_strips.len());
+        body += &format!("<details><summary>Corrections of the strips: {n} parameters</summary>\n{strips}</details>\n");
     }
     body += "<h3>What these strips cannot tell</h3>\n";
     body += if c.unobservable.is_empty() {
@@ -48,6 +37,29 @@ pub(crate) fn calibration(summary: &Summary) -> String {
     body += "<h3>The adjustment in figures</h3>\n";
     body += &figures(summary);
     section("calibration", "Calibration", LEAD, &body)
+}
+
+fn parameters(title: &str, of: &[&ParameterSummary]) -> String {
+    let mut table = Table::new(
+        title,
+        &[
+            ("Of", "", Align::Text),
+            ("Parameter", "", Align::Text),
+            ("Value", "", Align::Number),
+            ("Sigma", "", Align::Number),
+            ("Prior sigma", "", Align::Number),
+            ("Unit", "", Align::Text),
+            ("Known from ties", "", Align::Text),
+        ],
+    );
+    for parameter in of.iter().take(MOST_ROWS) {
+        table.row_of_html("", &row(parameter));
+    }
+    let mut body = table.html();
+    if of.len() > MOST_ROWS {
+        body += &format!("<p>The first {MOST_ROWS} of {} parameters.</p>\n", length(of.len()));
+    }
+    body
 }
 
 fn row(p: &ParameterSummary) -> Vec<String> {

@@ -58,7 +58,8 @@ fn tiles(summary: &Summary) -> String {
     let size = |enu: &[f64; 3]| enu.iter().map(|v| v * v).sum::<f64>().sqrt();
     let sized = summary.strips.iter().map(|s| (s, size(&s.correction_enu_m))).filter(|s| s.1.is_finite());
     if let (true, Some((strip, size_m))) = (is_adjusted(summary), sized.max_by(|a, b| a.1.total_cmp(&b.1))) {
-        tiles += &tile("Largest correction of a strip", None, Some(fixed(size_m, 3)), "m", &strip.name);
+        tiles +=
+            &tile("Largest correction of a strip", None, Some(fixed(size_m, 3)), "m", &format!("strip {}", strip.name));
     }
     if tiles.is_empty() { tiles } else { format!("<div class=\"tiles\">\n{tiles}</div>\n") }
 }

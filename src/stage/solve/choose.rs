@@ -31,16 +31,14 @@ pub struct Trial {
     pub reason: String,
 }
 
-/// Gain in standard errors that the more flexible model must show.
-const LEAST_GAIN_T: f64 = 2.0;
-/// The same for one strip, tried among many.
-const STRIP_GAIN_T: f64 = 3.0;
-/// Relative gain in the held-out loss below which it is not worth the unknowns.
-const LEAST_GAIN: f64 = 0.002;
-/// Relative gain of one strip that is worth having though few places speak for it: it needs one standard error only.
-const LARGE_GAIN: f64 = 0.1;
-/// See [`LARGE_GAIN`].
-const LARGE_GAIN_T: f64 = 0.9;
+/// Evidence, in standard errors of a strip's own gain, at which mixtures are formed: the strips that ask for the more
+/// flexible model at least so clearly get it.
+const EVIDENCE_T: [f64; 4] = [3.0, 2.0, 1.0, 0.0];
+/// The one-standard-error rule of cross-validation (Breiman et al., Classification and Regression Trees, 1984, §3.4.3):
+/// the stiffest model whose held-out loss is within one standard error of the best.
+const ONE_STANDARD_ERROR: f64 = 1.0;
+/// Relative gain in the held-out loss below which it is not worth the unknowns: half a per cent of the rms.
+const LEAST_GAIN: f64 = 0.01;
 /// Parts that are held out in turn.
 const FOLDS: u64 = 5;
 
@@ -58,9 +56,10 @@ pub fn name(model: Option<TimeModel>) -> String {
 /// Loss by strip and place.
 type Losses = BTreeMap<(Option<usize>, (i64, i64)), f64>;
 
-/// Solves the models of a ladder from stiff to flexible. A strip steps up where held-out ties agree that it is better
-/// for them: each fifth of the places is held out in turn and judged by the solution of the others. The mixture that
-/// comes out must itself be better than the model before.
+/// Solves the models of a ladder from stiff to flexible. Strips step up by mixtures: those whose own held-out ties ask
+/// for it most clearly, then more of them. Held-out means that each fifth of the places is held out in turn and judged
+/// by the solution of the others. Of the mixtures and the model before, the stiffest within one standard error of the
+/// best is taken.
 pub(super) fn choose(
     ladder: &[Option<TimeModel>],
     strips: &[StripSpec],
@@ -68,63 +67,93 @@ pub(super) fn choose(
     measured: &(dyn Fn(&Model) -> Vec<Line> + Sync),
 ) -> Result<(Solved, Vec<Option<TimeModel>>, Vec<Trial>)> {
     let Some((stiffest, more)) = ladder.split_first() else { anyhow::bail!("no model to solve") };
-    let mut models = vec![*stiffest; strips.len()];
-    let mut best = solve(&models)?;
-    let scales = best.adjustment.class_scale.clone();
+    let models = vec![*stiffest; strips.len()];
+    let first = solve(&models)?;
+    let scales = first.adjustment.class_scale.clone();
     let mut trials =
-        vec![trial(&best, *stiffest, models.len(), if more.is_empty() { "as asked" } else { "the stiffest" })];
-    let mut taken = 0;
+        vec![trial(&first, *stiffest, models.len(), if more.is_empty() { "as asked" } else { "the stiffest" })];
     if more.is_empty() {
         trials[0].taken = true;
-        return Ok((best, models, trials));
+        return Ok((first, models, trials));
     }
-    let mut best_losses = cross_validated(&best, &scales, measured)?;
+    let mut taken = 0;
+    let mut best = Candidate { losses: cross_validated(&first, &scales, measured)?, solved: first, models };
+    let evaluated = |models: Vec<Option<TimeModel>>| -> Result<Candidate> {
+        let solved = solve(&models)?;
+        Ok(Candidate { losses: cross_validated(&solved, &scales, measured)?, solved, models })
+    };
     for model in more {
         let able = |i: usize| !strips[i].fixed && spans(*model, &strips[i]);
-        let flexible: Vec<_> = (0..strips.len()).map(|i| if able(i) { *model } else { models[i] }).collect();
-        let all = solve(&flexible)?;
-        let all_losses = cross_validated(&all, &scales, measured)?;
-        let wanted: Vec<bool> = (0..strips.len())
+        let flexible = |wanted: &dyn Fn(usize) -> bool| -> Vec<Option<TimeModel>> {
+            (0..strips.len()).map(|i| if able(i) && wanted(i) { *model } else { best.models[i] }).collect()
+        };
+        let mut all = Some(evaluated(flexible(&|_| true))?);
+        let losses_of_all = all.as_ref().map_or_else(Losses::new, |c| c.losses.clone());
+        let evidence: Vec<f64> = (0..strips.len())
             .map(|i| {
-                let (g, t) = gain(&best_losses, &all_losses, |strip| strip == Some(i));
+                let (g, t) = gain(&best.losses, &losses_of_all, |strip| strip == Some(i));
                 tracing::debug!("strip {i}, {}: {:+.1} % misfit, {t:+.1} standard errors", name(*model), -100.0 * g);
-                able(i) && (agrees((g, t), STRIP_GAIN_T) || (g >= LARGE_GAIN && t >= LARGE_GAIN_T))
+                if g >= LEAST_GAIN { t } else { f64::NEG_INFINITY }
             })
             .collect();
-        let count = wanted.iter().filter(|w| **w).count();
-        if count == 0 {
-            let (g, t) = gain(&best_losses, &all_losses, |_| true);
-            let reason = format!(
-                "held-out ties of no strip ask for it ({:+.1} % misfit over all, {t:+.1} standard errors)",
-                -100.0 * g
-            );
-            trials.push(Trial { gain_t: t, ..trial(&all, *model, 0, &reason) });
-            continue;
+        let everyone = flexible(&|_| true);
+        let mut mixtures: Vec<Candidate> = Vec::new();
+        for least_t in EVIDENCE_T {
+            let mixed = flexible(&|i| evidence[i] >= least_t);
+            if mixed == best.models || mixtures.last().is_some_and(|last| last.models == mixed) {
+                continue;
+            }
+            let known = if mixed == everyone { all.take() } else { None };
+            mixtures.push(known.map_or_else(|| evaluated(mixed), Ok)?);
         }
-        let mixed: Vec<_> = (0..strips.len()).map(|i| if wanted[i] { *model } else { models[i] }).collect();
-        let (solved, losses) = if mixed == flexible {
-            (all, all_losses)
-        } else {
-            let solved = solve(&mixed)?;
-            let losses = cross_validated(&solved, &scales, measured)?;
-            (solved, losses)
+        let chosen = one_standard_error(&best, &mixtures);
+        let shown = chosen.or_else(|| lowest(&mixtures));
+        let Some(shown) = shown else {
+            let (g, t) = gain(&best.losses, &losses_of_all, |_| true);
+            let reason = format!("held-out ties of no strip ask for it ({} over all)", stated(g, t));
+            trials.push(Trial { gain_t: t, reason, strips: 0, model: *model, ..trials[taken].clone() });
+            continue;
         };
-        let (g, t) = gain(&best_losses, &losses, |_| true);
-        let good = agrees((g, t), LEAST_GAIN_T) || agrees((g, t), LARGE_GAIN_T);
-        let verdict = if good { "held-out ties agree" } else { "held-out ties do not agree" };
-        let reason = format!(
-            "{verdict} for {count} of {} strips: {:+.1} % misfit, {t:+.1} standard errors",
-            strips.len(),
-            -100.0 * g
-        );
-        trials.push(Trial { gain_t: t, ..trial(&solved, *model, count, &reason) });
-        if good {
-            (best, best_losses, models) = (solved, losses, mixed);
+        let candidate = mixtures.swap_remove(shown);
+        let (g, t) = gain(&best.losses, &candidate.losses, |_| true);
+        let count = candidate.models.iter().zip(&best.models).filter(|(a, b)| a != b).count();
+        let verdict = if chosen.is_some() { "held-out ties agree" } else { "held-out ties do not agree" };
+        let reason = format!("{verdict} for {count} of {} strips: {}", strips.len(), stated(g, t));
+        trials.push(Trial { gain_t: t, ..trial(&candidate.solved, *model, count, &reason) });
+        if chosen.is_some() {
+            best = candidate;
             taken = trials.len() - 1;
         }
     }
     trials[taken].taken = true;
-    Ok((best, models, trials))
+    Ok((best.solved, best.models, trials))
+}
+
+/// A solution and its cross-validated losses.
+struct Candidate {
+    solved: Solved,
+    losses: Losses,
+    models: Vec<Option<TimeModel>>,
+}
+
+/// The mixture of lowest loss.
+fn lowest(mixtures: &[Candidate]) -> Option<usize> {
+    let total = |c: &Candidate| c.losses.values().sum::<f64>();
+    (0..mixtures.len()).min_by(|&a, &b| total(&mixtures[a]).total_cmp(&total(&mixtures[b])))
+}
+
+/// The stiffest mixture within one standard error of the best; `None` when the model before is.
+fn one_standard_error(before: &Candidate, mixtures: &[Candidate]) -> Option<usize> {
+    let best = lowest(mixtures)?;
+    let close = |c: &Candidate| {
+        let (g, t) = gain(&c.losses, &mixtures[best].losses, |_| true);
+        g < LEAST_GAIN || t < ONE_STANDARD_ERROR
+    };
+    if close(before) { None } else { (0..mixtures.len()).find(|&i| close(&mixtures[i])) }
+}
+
+fn stated(gain: f64, t: f64) -> String {
+    format!("{:+.1} % misfit, {t:+.1} standard errors", -100.0 * gain)
 }
 
 /// A spline needs a strip that is longer than its support.
@@ -133,10 +162,6 @@ fn spans(model: Option<TimeModel>, strip: &StripSpec) -> bool {
         Some(TimeModel::Spline { knot_spacing_s }) => strip.end_s - strip.start_s > 3.0 * knot_spacing_s,
         _ => true,
     }
-}
-
-fn agrees((gain, t): (f64, f64), least_t: f64) -> bool {
-    gain >= LEAST_GAIN && t >= least_t
 }
 
 fn trial(solved: &Solved, model: Option<TimeModel>, strips: usize, reason: &str) -> Trial {

@@ -9,7 +9,7 @@ use crate::block::{PointBlock, PointFilter, SourceKey, SourceRule};
 use crate::cell::{Cell, CellKey, Place, TIME_BIN_S};
 use crate::moments::{Moments, STEPS_PER_METRE, TICKS_PER_SECOND};
 use crate::runs::Run;
-use crate::sketch::{ReturnPair, SamplePoint, Sketches, mix};
+use crate::sketch::{ReturnPair, SamplePoint, SightingRun, Sketches, mix};
 
 /// What the pass needs to know before the first point.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,13 +131,19 @@ impl Accumulator {
         let start: [f64; 3] = std::array::from_fn(|k| (block.offset_m[k] - origin_m[k]) * STEPS_PER_METRE);
         let mask = (1_i64 << cell_bits) - 1;
         let (rule, filter) = (self.options.rule, self.options.filter.clone()); // out of reach of the sums: stay in registers
-        let mut last_key = CellKey::default();
-        let mut last_row = usize::MAX;
+        let mut counts = PassCounts { read: block.len() as u64, ..PassCounts::default() };
+        // Points that follow each other mostly share cell, source and time bin: what these lead to is kept.
+        let mut run = SightingRun::default();
+        let (mut last_cell, mut last_source) = ([0_i64; 3], SourceKey(0));
+        let (mut bin_start_s, mut bin_end_s) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut row = usize::MAX;
+        let mut until_sample = (SAMPLE_STRIDE - block.first_point % SAMPLE_STRIDE) % SAMPLE_STRIDE;
         for i in 0..block.len() {
-            self.counts.read += 1;
+            let sampled = until_sample == 0;
+            until_sample = if sampled { SAMPLE_STRIDE - 1 } else { until_sample - 1 };
             let time_s = block.gps_time_s[i] + block.time_shift_s;
             if !time_s.is_finite() {
-                self.counts.without_time += 1;
+                counts.without_time += 1;
                 continue;
             }
             let source = rule.source(block, i);
@@ -146,44 +152,61 @@ impl Accumulator {
                 nearest(f64::from(block.y[i]) * step[1] + start[1]),
                 nearest(f64::from(block.z[i]) * step[2] + start[2]),
             ];
-            self.sketch(block, i, source, time_s, steps);
+            if !run.take(source, time_s) {
+                self.sketches.see(&std::mem::replace(&mut run, SightingRun::new(source, time_s)));
+            }
+            if sampled || block.number_of_returns[i] > 1 {
+                self.sketch(block, i, source, time_s, steps, sampled);
+            }
             if !filter.takes(block, i) {
                 continue;
             }
             let cell = steps.map(|v| v >> cell_bits);
-            let Some(place) = Place::new(cell[0], cell[1], cell[2]) else {
-                self.counts.out_of_reach += 1;
-                continue;
-            };
-            let bin = floor(time_s * (1.0 / TIME_BIN_S));
-            let key = CellKey { place, source, bin };
-            let row = if key == last_key && last_row != usize::MAX { last_row } else { self.row(key) };
-            (last_key, last_row) = (key, row);
-            let ticks = ((time_s - bin as f64 * TIME_BIN_S) * TICKS_PER_SECOND) as i64;
+            if row == usize::MAX
+                || cell != last_cell
+                || source != last_source
+                || !(bin_start_s <= time_s && time_s < bin_end_s)
+            {
+                let Some(place) = Place::new(cell[0], cell[1], cell[2]) else {
+                    counts.out_of_reach += 1;
+                    continue;
+                };
+                let bin = floor(time_s * (1.0 / TIME_BIN_S));
+                bin_start_s = bin as f64 * TIME_BIN_S;
+                bin_end_s = (bin + 1) as f64 * TIME_BIN_S;
+                row = self.row(CellKey { place, source, bin });
+                (last_cell, last_source) = (cell, source);
+            }
+            let ticks = ((time_s - bin_start_s) * TICKS_PER_SECOND) as i64;
             self.cells[row].moments.add(steps.map(|v| v & mask), ticks, i64::from(block.intensity[i]));
-            self.counts.used += 1;
+            counts.used += 1;
             if self.cells.len() >= cells_in_memory {
                 self.spill()?;
-                last_row = usize::MAX;
+                row = usize::MAX;
             }
         }
+        self.sketches.see(&run);
+        self.counts.merge(&counts);
         Ok(())
     }
 
-    #[inline]
+    /// Keeps a point in the sample, and a pulse's first and last return as a pair.
     #[allow(clippy::cast_precision_loss)]
-    fn sketch(&mut self, block: &PointBlock<'_>, i: usize, source: SourceKey, time_s: f64, steps: [i64; 3]) {
-        self.sketches.see(source, time_s);
-        let returns = block.number_of_returns[i];
-        let sampled = (block.first_point + i as u64).is_multiple_of(SAMPLE_STRIDE);
-        if returns < 2 && !sampled {
-            return;
-        }
+    fn sketch(
+        &mut self,
+        block: &PointBlock<'_>,
+        i: usize,
+        source: SourceKey,
+        time_s: f64,
+        steps: [i64; 3],
+        sampled: bool,
+    ) {
         let point_m = steps.map(|v| v as f64 / STEPS_PER_METRE);
         let scan_angle_deg = block.scan_angle_deg[i];
         if sampled {
             self.sketches.offer_sample(source, SamplePoint { time_s, point_m, scan_angle_deg });
         }
+        let returns = block.number_of_returns[i];
         if returns < 2 {
             return;
         }
@@ -238,7 +261,7 @@ impl Accumulator {
     }
 
     fn spill(&mut self) -> io::Result<()> {
-        self.cells.sort_unstable_by_key(|cell| cell.key);
+        self.cells.sort_by_cached_key(|cell| cell.key); // cells are large: moved once
         self.runs.push(Run::spilled(&self.cells)?);
         self.cells.clear();
         self.table.fill(EMPTY);
@@ -248,7 +271,7 @@ impl Accumulator {
     /// The sorted runs, the sketches and the counts of this thread.
     #[must_use]
     pub fn finish(mut self) -> (Vec<Run>, Sketches, PassCounts) {
-        self.cells.sort_unstable_by_key(|cell| cell.key);
+        self.cells.sort_by_cached_key(|cell| cell.key); // cells are large: moved once
         self.runs.push(Run::in_memory(self.cells));
         (self.runs, self.sketches, self.counts)
     }

@@ -71,7 +71,7 @@ impl SensorPath {
         Vector3::from_fn(|axis, _| {
             let mut variance = 0.0;
             for (a, pa) in powers.iter().enumerate() {
-                for (b, pb) in powers.iter().enumerate() {
+                for (b, pb) in powers[..n].iter().enumerate() {
                     variance += pa * pb * self.covariance[(3 * a + axis, 3 * b + axis)];
                 }
             }
@@ -203,16 +203,18 @@ impl Fit<'_> {
                 let (e, direction, range_m) = Self::misalignment(pair, &sensor);
                 norms.push(e.norm());
                 let weight = (2.0 * scale_m / e.norm().max(1e-9)).min(1.0);
-                let weight = if e.norm() > 6.0 * scale_m { 0.0 } else { weight };
+                if e.norm() > 6.0 * scale_m {
+                    continue;
+                }
                 let lever = separation_m(pair) / range_m;
                 let across = Matrix3::identity() - direction * direction.transpose();
                 let u = self.u(pair.time_s);
-                let powers: Vec<f64> = std::iter::successors(Some(1.0), |p| Some(p * u)).take(n).collect();
-                for (a, pa) in powers.iter().enumerate() {
+                let powers = [1.0, u, u * u, u * u * u, u * u * u * u];
+                for (a, pa) in powers[..n].iter().enumerate() {
                     // moving the sensor by s turns the direction by s/range: e changes by -lever · across · s
                     let mut block = right.fixed_rows_mut::<3>(3 * a);
                     block += e * (weight * lever * pa);
-                    for (b, pb) in powers.iter().enumerate() {
+                    for (b, pb) in powers[..n].iter().enumerate() {
                         let mut block = normal.fixed_view_mut::<3, 3>(3 * a, 3 * b);
                         block += across * (weight * lever * lever * pa * pb);
                     }

@@ -11,7 +11,7 @@ use crate::block::SourceKey;
 /// Length of a sketch bin \[s\].
 pub(crate) const SKETCH_BIN_S: f64 = 0.5;
 /// Bins up to which the full number of rows is kept in each; beyond, fewer, so that a long survey takes no more memory.
-const BINS_IN_FULL: usize = 1024;
+const BINS_IN_FULL: usize = 512;
 
 /// Rows kept in a bin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +62,50 @@ pub struct SamplePoint {
     pub scan_angle_deg: f32,
 }
 
+/// Points of one source in one bin that follow each other.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SightingRun {
+    source: SourceKey,
+    bin_start_s: f64,
+    bin_end_s: f64,
+    first_s: f64,
+    last_s: f64,
+    points: u64,
+}
+
+impl Default for SightingRun {
+    fn default() -> Self {
+        let (least, most) = (f64::NEG_INFINITY, f64::INFINITY);
+        Self { source: SourceKey(0), bin_start_s: most, bin_end_s: least, first_s: most, last_s: least, points: 0 }
+    }
+}
+
+impl SightingRun {
+    /// A run of one point.
+    #[allow(clippy::cast_precision_loss)]
+    pub(crate) fn new(source: SourceKey, time_s: f64) -> Self {
+        let bin_start_s = bin_of(time_s) as f64 * SKETCH_BIN_S;
+        Self { source, bin_start_s, bin_end_s: bin_start_s + SKETCH_BIN_S, first_s: time_s, last_s: time_s, points: 1 }
+    }
+
+    /// Adds a point when it belongs to the run.
+    #[inline]
+    pub(crate) fn take(&mut self, source: SourceKey, time_s: f64) -> bool {
+        let belongs = source == self.source && self.bin_start_s <= time_s && time_s < self.bin_end_s;
+        if belongs {
+            self.first_s = self.first_s.min(time_s);
+            self.last_s = self.last_s.max(time_s);
+            self.points += 1;
+        }
+        belongs
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // times are small
+fn bin_of(time_s: f64) -> i64 {
+    (time_s / SKETCH_BIN_S).floor() as i64
+}
+
 /// What is kept of one source in one bin.
 #[derive(Debug, Clone, Default)]
 pub struct BinSketch {
@@ -92,16 +136,13 @@ pub fn mix(mut v: u64) -> u64 {
 }
 
 impl BinSketch {
-    /// Counts a point.
-    #[inline]
-    pub fn see(&mut self, time_s: f64) {
+    fn see(&mut self, first_s: f64, last_s: f64, points: u64) {
         if self.points == 0 {
-            self.first_s = time_s;
-            self.last_s = time_s;
+            (self.first_s, self.last_s) = (first_s, last_s);
         }
-        self.first_s = self.first_s.min(time_s);
-        self.last_s = self.last_s.max(time_s);
-        self.points += 1;
+        self.first_s = self.first_s.min(first_s);
+        self.last_s = self.last_s.max(last_s);
+        self.points += points;
     }
 
     fn offer_pair(&mut self, pair: ReturnPair, limits: Limits) {
@@ -128,9 +169,7 @@ impl BinSketch {
             return;
         }
         if other.points > 0 {
-            self.first_s = self.first_s.min(other.first_s);
-            self.last_s = self.last_s.max(other.last_s);
-            self.points += other.points;
+            self.see(other.first_s, other.last_s, other.points);
         }
         self.pairs.extend(other.pairs);
         self.samples.extend(other.samples);
@@ -176,11 +215,12 @@ impl Default for Sketches {
 }
 
 impl Sketches {
-    /// Counts a point of a source.
-    #[inline]
-    pub fn see(&mut self, source: SourceKey, time_s: f64) {
-        let row = self.row(source, time_s);
-        self.rows[row].1.see(time_s);
+    /// Counts the points of a run.
+    pub(crate) fn see(&mut self, run: &SightingRun) {
+        if run.points > 0 {
+            let row = self.row(run.source, run.first_s);
+            self.rows[row].1.see(run.first_s, run.last_s, run.points);
+        }
     }
 
     /// Offers a return pair; the widest of a bin are kept.
@@ -196,7 +236,6 @@ impl Sketches {
     }
 
     /// The row of a source at a time, made when it is not there.
-    #[inline]
     #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // fewer than 2³² bins; times are small
     fn row(&mut self, source: SourceKey, time_s: f64) -> usize {
         if let Some((last, row)) = self.last
@@ -205,7 +244,7 @@ impl Sketches {
         {
             return row as usize;
         }
-        let key = (source, (time_s / SKETCH_BIN_S).floor() as i64);
+        let key = (source, bin_of(time_s));
         let next = self.rows.len() as u32;
         let row = *self.index.entry(key).or_insert(next);
         if row == next {
@@ -268,7 +307,7 @@ mod tests {
         let offer = |sketches: &mut Sketches, i: u32| {
             let time_s = f64::from(i) * step_s;
             let source = SourceKey::new(0, 1, 0);
-            sketches.see(source, time_s);
+            sketches.see(&SightingRun::new(source, time_s));
             sketches
                 .offer_sample(source, SamplePoint { time_s, point_m: [f64::from(i), 0.0, 0.0], scan_angle_deg: 0.0 });
             let first_m = [0.0, 0.0, f64::from(i % 97)];

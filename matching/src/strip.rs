@@ -150,12 +150,12 @@ fn index_of(numbers: &[u16], number: u16) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sketch::Sketches;
+    use crate::sketch::{SightingRun, Sketches};
 
     fn sketches(rows: &[(SourceKey, f64)]) -> Vec<((SourceKey, i64), BinSketch)> {
         let mut sketches = Sketches::default();
         for (source, time_s) in rows {
-            sketches.see(*source, *time_s);
+            sketches.see(&SightingRun::new(*source, *time_s));
         }
         sketches.into_sorted()
     }

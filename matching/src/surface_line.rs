@@ -182,8 +182,9 @@ fn footprint_in(patch: &Patch, plane: &Patch) -> Footprint {
 /// # Errors
 /// The [`Rejection`] that keeps the two apart.
 pub fn compare(seed: &Patch, other: &Patch, options: &PairingOptions) -> Result<f64, Rejection> {
-    let shared = footprint_in(seed, seed).intersection(&footprint_in(other, seed));
-    let smaller = footprint_in(seed, seed).area_m2().min(footprint_in(other, seed).area_m2());
+    let (of_seed, of_other) = (footprint_in(seed, seed), footprint_in(other, seed));
+    let shared = of_seed.intersection(&of_other);
+    let smaller = of_seed.area_m2().min(of_other.area_m2());
     let overlap = shared.map_or(0.0, |s| s.area_m2()) / smaller.max(1e-9);
     if overlap < options.min_overlap {
         return Err(Rejection::Overlap);

@@ -34,6 +34,8 @@ struct Piece {
 
 /// Narrowest spread of a patch across its long axis, over the width of its cell (a full square has 0.29).
 const MIN_SPREAD: f64 = 0.1;
+/// Pieces from which keys are sorted in their stead.
+const MANY_PIECES: usize = 64;
 /// Time bins without points that end a pass.
 const PASS_GAP_BINS: i64 = 2;
 
@@ -74,7 +76,12 @@ impl Split<'_> {
     /// Works on the pieces of several nodes of one level.
     fn children(&mut self, pieces: &mut [Piece], level: u32) {
         let node = |p: &Piece| (p.column[1] >> level, p.column[0] >> level);
-        pieces.sort_unstable_by_key(|p| (node(p), p.strip, p.scanner, p.bin, p.layer, p.column));
+        let key = |p: &Piece| (node(p), p.strip, p.scanner, p.bin, p.layer, p.column);
+        if pieces.len() > MANY_PIECES {
+            pieces.sort_by_cached_key(key); // pieces are large: moved once
+        } else {
+            pieces.sort_unstable_by_key(key);
+        }
         let mut start = 0;
         while start < pieces.len() {
             let key = node(&pieces[start]);
@@ -87,9 +94,8 @@ impl Split<'_> {
     fn node(&mut self, pieces: &mut [Piece], level: u32) {
         let trials = self.trials(pieces, level);
         let distinct = |wanted: &dyn Fn(&Trial) -> bool| {
-            let mut seen: Vec<Sighting> = trials.iter().filter(|t| wanted(t)).map(|t| t.sighting).collect();
-            seen.dedup();
-            seen.len()
+            let mut last = None; // trials of one sighting follow each other
+            trials.iter().filter(|t| wanted(t) && last.replace(t.sighting) != Some(t.sighting)).count()
         };
         let planar = distinct(&|t| t.patch.is_some());
         let dense = distinct(&|t| t.enough_points);
@@ -102,8 +108,8 @@ impl Split<'_> {
                 self.patches.push(patch);
             } else if level == 0 && trial.layers.len() > 1 && trial.enough_points {
                 let pieces = &pieces[trial.layers];
-                for run in runs(pieces, |a, b| a.layer == b.layer) {
-                    if let Some(patch) = self.plane(&pieces[run], level, trial.sighting).filter(|p| self.is_whole(p)) {
+                for run in pieces.chunk_by(|a, b| a.layer == b.layer) {
+                    if let Some(patch) = self.plane(run, level, trial.sighting).filter(|p| self.is_whole(p)) {
                         self.patches.push(patch);
                     }
                 }
@@ -120,19 +126,18 @@ impl Split<'_> {
             let same = |p: &&Piece| (p.strip, p.scanner) == (first.strip, first.scanner);
             let len = pieces[start..].iter().take_while(same).count();
             let of_scanner = &mut pieces[start..start + len];
-            let passes = runs(of_scanner, |a, b| b.bin - a.bin <= PASS_GAP_BINS);
-            for (pass, range) in passes.into_iter().enumerate() {
+            let mut offset = start;
+            let passes = of_scanner.chunk_by_mut(|a, b| b.bin - a.bin <= PASS_GAP_BINS);
+            for (pass, of_pass) in passes.enumerate() {
                 #[allow(clippy::cast_possible_truncation)]
                 let sighting = Sighting { strip: first.strip, pass: pass as u16, scanner: first.scanner };
-                let offset = start + range.start;
-                let of_pass = &mut of_scanner[range];
                 of_pass.sort_unstable_by_key(|p| (p.layer, p.column, p.bin));
-                for stack in runs(of_pass, |a, b| b.layer - a.layer <= 1) {
-                    let points: i64 = of_pass[stack.clone()].iter().map(|p| p.moments.n).sum();
+                for stack in of_pass.chunk_by(|a, b| b.layer - a.layer <= 1) {
+                    let points: i64 = stack.iter().map(|p| p.moments.n).sum();
                     let enough_points = points >= i64::from(self.options.min_points);
-                    let patch = if enough_points { self.plane(&of_pass[stack.clone()], level, sighting) } else { None };
-                    let layers = offset + stack.start..offset + stack.end;
-                    trials.push(Trial { sighting, patch, enough_points, layers });
+                    let patch = if enough_points { self.plane(stack, level, sighting) } else { None };
+                    trials.push(Trial { sighting, patch, enough_points, layers: offset..offset + stack.len() });
+                    offset += stack.len();
                 }
             }
             start += len;
@@ -177,17 +182,4 @@ impl Split<'_> {
             along < 0.8 || to_face_m > 4.0 * patch.roughness_m + 0.02
         })
     }
-}
-
-/// Ranges of neighbouring items that belong together.
-fn runs<T>(items: &[T], together: impl Fn(&T, &T) -> bool) -> Vec<std::ops::Range<usize>> {
-    let mut ranges = Vec::new();
-    let mut start = 0;
-    for i in 1..=items.len() {
-        if i == items.len() || !together(&items[i - 1], &items[i]) {
-            ranges.push(start..i);
-            start = i;
-        }
-    }
-    if items.is_empty() { Vec::new() } else { ranges }
 }

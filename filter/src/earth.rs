@@ -11,6 +11,39 @@ pub const FLATTENING: f64 = 1.0 / 298.257_223_563;
 /// First eccentricity squared of WGS 84.
 pub const ECCENTRICITY_SQUARED: f64 = FLATTENING * (2.0 - FLATTENING);
 
+/// Rotation rate of the earth \[rad/s\].
+pub const EARTH_RATE_RADPS: f64 = 7.292_115e-5;
+
+/// Normal gravity \[m/s²\] at a geodetic latitude \[rad\] and ellipsoidal height \[m\], along the ellipsoid's normal.
+///
+/// Somigliana's formula and its second-order continuation upwards (NIMA TR 8350.2, 3rd ed., equations 4-1 and 4-3).
+#[must_use]
+pub fn normal_gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
+    const AT_EQUATOR: f64 = 9.780_325_335_9;
+    const SOMIGLIANA_K: f64 = 0.001_931_852_652_41;
+    const GRAVITY_RATIO_M: f64 = 0.003_449_786_506_84;
+    let s2 = latitude_rad.sin().powi(2);
+    let on_ellipsoid = AT_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / (1.0 - ECCENTRICITY_SQUARED * s2).sqrt();
+    let h = height_m / SEMI_MAJOR_AXIS_M;
+    on_ellipsoid * (1.0 - 2.0 * (1.0 + FLATTENING + GRAVITY_RATIO_M - 2.0 * FLATTENING * s2) * h + 3.0 * h * h)
+}
+
+/// Earth rate in north, east, down \[rad/s\] at a latitude \[rad\].
+#[must_use]
+pub fn earth_rate_ned_radps(latitude_rad: f64) -> Vector3<f64> {
+    let (sin, cos) = latitude_rad.sin_cos();
+    Vector3::new(EARTH_RATE_RADPS * cos, 0.0, -EARTH_RATE_RADPS * sin)
+}
+
+/// Transport rate in north, east, down \[rad/s\]: how the navigation frame turns as it moves over the ellipsoid.
+#[must_use]
+pub fn transport_rate_ned_radps(geodetic: &Vector3<f64>, velocity_ned_mps: &Vector3<f64>) -> Vector3<f64> {
+    let north = prime_vertical_radius_m(geodetic.x) + geodetic.z;
+    let meridian = meridian_radius_m(geodetic.x) + geodetic.z;
+    let (vn, ve) = (velocity_ned_mps.x, velocity_ned_mps.y);
+    Vector3::new(ve / north, -vn / meridian, -ve * geodetic.x.tan() / north)
+}
+
 /// Radius of curvature in the meridian \[m\] at a geodetic latitude \[rad\].
 #[must_use]
 pub fn meridian_radius_m(latitude_rad: f64) -> f64 {
@@ -76,6 +109,15 @@ mod tests {
         assert!((meridian_radius_m(pole) - prime_vertical_radius_m(pole)).abs() < 1e-6);
         // Torge, table 4.1 (GRS 80): polar radius of curvature 6 399 593.6259 m.
         assert!((meridian_radius_m(pole) - 6_399_593.626).abs() < 1e-3);
+    }
+
+    #[test]
+    fn gravity_is_that_of_the_tables() {
+        // NIMA TR 8350.2, table 3.4: 9.7803253359 at the equator, 9.8321849378 at the poles
+        assert!((normal_gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
+        assert!((normal_gravity_mps2(std::f64::consts::FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-9);
+        let gradient = normal_gravity_mps2(0.8, 1.0) - normal_gravity_mps2(0.8, 0.0);
+        assert!((gradient + 3.086e-6).abs() < 2e-8, "{gradient}");
     }
 
     #[test]

@@ -1,0 +1,59 @@
+//! The backward pass over the tape.
+
+use crate::kalman::{Adjoint, smoothed};
+use crate::smoother::SmootherError;
+use crate::state::{Layout, NAV, Nominal};
+use crate::tape::{Operation, Tape};
+
+/// A node of the smoothed solution.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmoothedNode {
+    /// Estimate.
+    pub nominal: Nominal,
+    /// Covariance of position, velocity, attitude in north-east-down, row-major 9 × 9.
+    pub covariance: [f64; NAV * NAV],
+    /// Standard deviations of the other states, from the gyro biases on.
+    pub parameter_sigma: Vec<f64>,
+}
+
+/// Runs back over the tape. Gives the nodes, and the largest change over sigma against what was linearised at.
+///
+/// # Errors
+/// When the temporary file cannot be read.
+pub(crate) fn backward(
+    layout: &Layout,
+    tape: &mut Tape,
+    nominals: &[Nominal],
+    slots: usize,
+) -> Result<(Vec<SmoothedNode>, f64), SmootherError> {
+    let base = layout.base;
+    let mut adjoint = Adjoint::new(base, slots);
+    let mut nodes = Vec::with_capacity(nominals.len());
+    let mut largest: f64 = 0.0;
+    for index in (0..tape.len()).rev() {
+        let record = tape.read(index)?;
+        let states = record.mean.len();
+        let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, states, base, &adjoint);
+        for i in 0..NAV {
+            let sigma = covariance[i * base + i].max(0.0).sqrt();
+            largest = largest.max(error[i].abs() / sigma.max(1e-12));
+        }
+        let mut nominal = nominals[index];
+        nominal.shift(layout, &error);
+        let mut of_nav = [0.0; NAV * NAV];
+        for i in 0..NAV {
+            of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * base..i * base + NAV]);
+        }
+        let parameter_sigma = (NAV..base).map(|i| covariance[i * base + i].max(0.0).sqrt()).collect();
+        nodes.push(SmoothedNode { nominal, covariance: of_nav, parameter_sigma });
+        for operation in record.operations.iter().rev() {
+            match operation {
+                Operation::Update(update) => adjoint.back_through_update(update),
+                Operation::Enter { at, row, states } => adjoint.back_through_entry(*at, row, *states),
+            }
+        }
+        adjoint.back_through_transition(&record.transition, base, record.states_before);
+    }
+    nodes.reverse();
+    Ok((nodes, largest))
+}

@@ -1,0 +1,324 @@
+//! The forward pass: an error-state Kalman filter over all events.
+
+use std::collections::HashMap;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::earth::ecef_from_geodetic;
+use crate::events::{CONSTRAINT_SPEED_MPS, Event, EventDelays, EventKind, Inputs};
+use crate::innovation::{Innovation, LOST_AFTER, MeasurementKind, take_in};
+use crate::kalman::{Gaussian, Measurement};
+use crate::options::{InitialState, Options, Process, TieForm};
+use crate::propagate::Propagator;
+use crate::smoother::SmootherError;
+use crate::state::{ATTITUDE, Layout, Nominal};
+use crate::tape::{NodeRecord, Operation, Tape};
+use crate::update::{gnss, standstill, tie, vehicle};
+
+/// What the forward pass knows before it starts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plan<'a> {
+    pub inputs: &'a Inputs,
+    pub options: &'a Options,
+    pub layout: &'a Layout,
+    pub events: &'a [Event],
+    pub delays: EventDelays,
+    pub initial: &'a InitialState,
+    /// Nominals of the nodes to linearise at, and what the first was before: a run before this one.
+    pub reference: Option<&'a [Nominal]>,
+}
+
+/// A node as the filter saw it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FilterNode {
+    /// Estimate.
+    pub nominal: Nominal,
+    /// Variances of position, velocity, attitude.
+    pub variance: [f64; 9],
+}
+
+/// What the forward pass gives, beside the tape.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Forward {
+    pub nodes: Vec<FilterNode>,
+    pub nominals: Vec<Nominal>,
+    pub innovations: Vec<Innovation>,
+    /// Weight that each sighting of a tie got, by tie and sighting.
+    pub tie_weight: HashMap<(usize, usize), f64>,
+    pub lost: Vec<(f64, MeasurementKind)>,
+    pub bridged: Vec<(f64, f64)>,
+}
+
+/// A tie that is being seen.
+#[derive(Debug, Clone, Default)]
+struct LiveTie {
+    /// One entry a sighting (delayed form) or one only (landmark form).
+    states: Vec<(usize, Vec<usize>, Vec<f64>)>,
+}
+
+struct Run<'a> {
+    plan: Plan<'a>,
+    gaussian: Gaussian,
+    propagator: Propagator<'a>,
+    live: HashMap<usize, LiveTie>,
+    rest: Option<([usize; 3], UnitQuaternion<f64>)>,
+    origin_ecef_m: Vector3<f64>,
+    rejected: HashMap<MeasurementKind, usize>,
+    operations: Vec<Operation>,
+    result: Forward,
+}
+
+/// Slots beyond those of ties: the clone of a rest.
+pub(crate) const EXTRA_SLOTS: usize = 3;
+
+/// Runs the filter forward and leaves its records on the tape.
+///
+/// # Errors
+/// When a measurement has no variance, or the temporary file cannot be written.
+pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherError> {
+    let layout = plan.layout;
+    let prior = Nominal { nav: plan.initial.nav, parameters: plan.options.parameters(plan.initial) };
+    let slots = plan.options.ties.most_live + EXTRA_SLOTS;
+    let mut gaussian = Gaussian::new(&plan.options.initial_variances(layout, plan.initial), slots);
+    let mut nominal = prior;
+    if let Some(reference) = plan.reference {
+        nominal = reference[0];
+        let error = prior.minus(&nominal, layout);
+        gaussian.mean_mut()[..layout.base].copy_from_slice(&error);
+    }
+    let processes: Vec<Process> = plan.options.processes(layout);
+    let propagator = Propagator::new(&plan.inputs.imu, plan.options, layout, processes, nominal);
+    let mut run = Run {
+        plan,
+        gaussian,
+        propagator,
+        live: HashMap::new(),
+        rest: None,
+        origin_ecef_m: ecef_from_geodetic(&plan.initial.nav.geodetic),
+        rejected: HashMap::new(),
+        operations: Vec::new(),
+        result: Forward::default(),
+    };
+    run.node(tape)?;
+    let mut next = 0;
+    while next < plan.events.len() {
+        let time_s = plan.events[next].time_s;
+        run.propagator.advance_to(time_s, &mut run.gaussian);
+        if let Some(reference) = plan.reference {
+            run.move_nominal_to(&reference[run.result.nominals.len()]);
+        }
+        // events closer than a microsecond share a node
+        while let Some(event) = plan.events.get(next).filter(|e| e.time_s < time_s + 1e-6) {
+            run.happen(event)?;
+            next += 1;
+        }
+        run.node(tape)?;
+    }
+    run.result.bridged = std::mem::take(&mut run.propagator.bridged);
+    Ok(run.result)
+}
+
+impl Run<'_> {
+    /// Moves the point of linearisation; the mean of the errors takes up the difference.
+    fn move_nominal_to(&mut self, target: &Nominal) {
+        let layout = self.plan.layout;
+        let moved = target.minus(&self.propagator.nominal, layout);
+        for (x, m) in self.gaussian.mean_mut().iter_mut().zip(&moved) {
+            *x -= m;
+        }
+        let time_s = self.propagator.nominal.nav.time_s;
+        self.propagator.nominal = *target;
+        self.propagator.nominal.nav.time_s = time_s;
+    }
+
+    /// Without a reference the nominal follows the estimate.
+    fn feed_back(&mut self) {
+        if self.plan.reference.is_some() {
+            return;
+        }
+        let base = self.plan.layout.base;
+        let error: Vec<f64> = self.gaussian.mean()[..base].to_vec();
+        self.propagator.nominal.shift(self.plan.layout, &error);
+        self.gaussian.mean_mut()[..base].fill(0.0);
+    }
+
+    /// Closes a node: its record goes onto the tape.
+    fn node(&mut self, tape: &mut Tape) -> Result<(), SmootherError> {
+        let base = self.plan.layout.base;
+        let states = self.gaussian.len();
+        let (transition, states_before) = self.propagator.take_transition(states, &self.operations);
+        let covariance_rows = (0..base).flat_map(|i| self.gaussian.row(i).iter().copied()).collect();
+        let record = NodeRecord {
+            transition,
+            states_before,
+            operations: std::mem::take(&mut self.operations),
+            mean: self.gaussian.mean().to_vec(),
+            covariance_rows,
+        };
+        tape.push(&record)?;
+        let nominal = self.propagator.nominal;
+        let mut estimate = nominal;
+        estimate.shift(self.plan.layout, &self.gaussian.mean()[..base]);
+        let variance = std::array::from_fn(|k| self.gaussian.covariance(k, k));
+        self.result.nodes.push(FilterNode { nominal: estimate, variance });
+        self.result.nominals.push(nominal);
+        Ok(())
+    }
+
+    fn happen(&mut self, event: &Event) -> Result<(), SmootherError> {
+        let Plan { inputs, options, layout, .. } = self.plan;
+        let nominal = self.propagator.nominal;
+        let motion = self.propagator.motion;
+        match event.kind {
+            EventKind::Tick => {}
+            EventKind::Position(i) => {
+                let delay_s = self.plan.delays.position_s;
+                let m = gnss::position(&nominal, layout, &inputs.gnss[i], &options.gnss, &motion, delay_s);
+                self.take(m, event, MeasurementKind::Position)?;
+            }
+            EventKind::Velocity(i) => {
+                if let Some(v) = &inputs.gnss[i].velocity {
+                    let delay_s = self.plan.delays.velocity_s;
+                    let m = gnss::velocity(&nominal, layout, v, &options.gnss, &motion, delay_s);
+                    self.take(m, event, MeasurementKind::Velocity)?;
+                }
+            }
+            EventKind::Known(i) => {
+                let m = gnss::known_point(&nominal, &inputs.points[i]);
+                self.take(m, event, MeasurementKind::KnownPoint)?;
+            }
+            EventKind::Odometer(first, count) => {
+                if let Some(model) = &options.odometer {
+                    let readings = &inputs.odometer[first..first + count];
+                    #[allow(clippy::cast_precision_loss)]
+                    let n = count as f64;
+                    let speed_mps = readings.iter().map(|o| o.speed_mps).sum::<f64>() / n;
+                    let variance = model.noise_mps.powi(2) / n;
+                    let m = vehicle::odometer(&nominal, layout, speed_mps, model, &motion, variance);
+                    self.take(m, event, MeasurementKind::Odometer)?;
+                }
+            }
+            EventKind::Constraint => {
+                if let Some(model) = &options.constraint
+                    && nominal.nav.velocity_ned_mps.norm() > CONSTRAINT_SPEED_MPS
+                {
+                    self.take(vehicle::constraint(&nominal, layout, model, &motion), event, MeasurementKind::Constraint)?;
+                }
+            }
+            EventKind::RestBegins | EventKind::AtRest | EventKind::NotTurned(_) => self.rest(event)?,
+            EventKind::Sighting(t, s) => self.sighting(t, s, event)?,
+        }
+        Ok(())
+    }
+
+    fn rest(&mut self, event: &Event) -> Result<(), SmootherError> {
+        let Some(model) = self.plan.options.standstill else { return Ok(()) };
+        let nominal = self.propagator.nominal;
+        match event.kind {
+            EventKind::RestBegins => {
+                let mut clone = [0; 3];
+                for (k, at) in clone.iter_mut().enumerate() {
+                    let Some(slot) = self.enter(vec![(ATTITUDE + k, 1.0)], 0.0) else { return Ok(()) };
+                    *at = slot;
+                }
+                self.rest = Some((clone, nominal.nav.ned_from_body));
+            }
+            EventKind::AtRest => {
+                let m = standstill::velocity(&nominal, model.velocity_sigma_mps);
+                self.take(m, event, MeasurementKind::ZeroVelocity)?;
+            }
+            EventKind::NotTurned(_) => {
+                if let Some((clone, then)) = self.rest.take() {
+                    let m = standstill::rotation(&nominal, &then, clone, model.sway_rad);
+                    self.take(m, event, MeasurementKind::ZeroRotation)?;
+                    for at in clone {
+                        self.gaussian.leave(at);
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A state enters; the record remembers.
+    fn enter(&mut self, row: Vec<(usize, f64)>, variance: f64) -> Option<usize> {
+        let at = self.gaussian.enter(&row, variance)?;
+        self.operations.push(Operation::Enter { at, row, states: self.gaussian.len() });
+        Some(at)
+    }
+
+    /// Tests a measurement and takes it in; gives the weight it got.
+    fn take(&mut self, m: Measurement, event: &Event, kind: MeasurementKind) -> Result<f64, SmootherError> {
+        let rejected = self.rejected.entry(kind).or_default();
+        let forced = *rejected >= LOST_AFTER && kind != MeasurementKind::Tie;
+        let at = (event.time_s, kind);
+        let (innovation, record) = take_in(&mut self.gaussian, m, at, self.plan.options.false_alarm, forced)
+            .map_err(|_| SmootherError::NoVariance { kind: kind.as_str(), time_s: event.time_s })?;
+        if forced {
+            self.result.lost.push(at);
+        }
+        *rejected = if innovation.weight > 0.0 { 0 } else { *rejected + 1 };
+        let weight = innovation.weight;
+        self.result.innovations.push(innovation);
+        if let Some(record) = record {
+            self.operations.push(Operation::Update(record));
+            self.feed_back();
+        }
+        Ok(weight)
+    }
+
+    /// A sighting of a tie: the first lets its states enter, the others compare, the last lets them leave.
+    fn sighting(&mut self, t: usize, s: usize, event: &Event) -> Result<(), SmootherError> {
+        let tie = &self.plan.inputs.ties[t];
+        let sighting = &tie.sightings[s];
+        let nominal = self.propagator.nominal;
+        let (values, rows) = tie::coordinates(&nominal, tie, sighting, &self.origin_ecef_m);
+        let noise = tie::noise(tie, sighting);
+        let rank = values.len();
+        if let Some(known) = &tie.known_m {
+            let residual = known.iter().zip(&values).map(|(k, v)| k - v).collect();
+            let weight = self.take(Measurement { residual, rows, noise }, event, MeasurementKind::Tie)?;
+            self.result.tie_weight.insert((t, s), weight);
+            return Ok(());
+        }
+        let last = s + 1 == tie.sightings.len();
+        let delayed = self.plan.options.ties.form == TieForm::Delayed;
+        let starts = !self.live.contains_key(&t);
+        if starts && last {
+            return Ok(()); // its other sightings were before the beginning
+        }
+        if starts || (delayed && !last) {
+            if self.gaussian.free_slots() < rank + if self.rest.is_none() { EXTRA_SLOTS } else { 0 } {
+                return Ok(());
+            }
+            let slots: Option<Vec<usize>> = rows
+                .into_iter()
+                .enumerate()
+                .map(|(k, row)| self.enter(row, if delayed { 0.0 } else { noise[k * rank + k] }))
+                .collect();
+            if let Some(slots) = slots {
+                self.live.entry(t).or_default().states.push((s, slots, values));
+                self.result.tie_weight.insert((t, s), 1.0);
+            }
+            return Ok(());
+        }
+        let live = if last { self.live.remove(&t) } else { self.live.get(&t).cloned() };
+        let Some(live) = live else { return Ok(()) };
+        let measurement = if delayed {
+            tie::all_at_once(tie, s, &values, &rows, &live.states)
+        } else {
+            tie::against_landmark(&values, &rows, &noise, &live.states[0].1, &live.states[0].2)
+        };
+        let weight = self.take(measurement, event, MeasurementKind::Tie)?;
+        self.result.tie_weight.insert((t, s), weight);
+        if last {
+            for (_, slots, _) in &live.states {
+                for at in slots {
+                    self.gaussian.leave(*at);
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,545 @@
+//! The linear algebra of the filter: a mean and a covariance that are moved, updated, enlarged and shrunk; and the adjoint
+//! that runs back through the same operations.
+//!
+//! The backward pass is the modified Bryson-Frazier smoother (Bierman, *Fixed interval smoothing with discrete measurements*,
+//! Int. J. Control 18 (1973) 65–75): it inverts innovation covariances only, so that a covariance made singular by a
+//! fresh clone, or states that enter and leave, need no special care. With λ and Λ after an operation,
+//!
+//! ```text
+//! smoothed mean = x - P λ        smoothed covariance = P - P Λ P
+//! update:       λ ← (I - K H)ᵀ λ - Hᵀ S⁻¹ v        Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ S⁻¹ H
+//! transition:   λ ← Φᵀ λ                            Λ ← Φᵀ Λ Φ
+//! ```
+//!
+//! A landmark enters as a transition whose new row is its first sighting, a clone the same without noise; a state leaves
+//! by a transition without its row.
+
+use crate::state::{CORE, NAV};
+use crate::transition::Transition;
+
+/// A sparse row: indices and factors.
+pub type SparseRow = Vec<(usize, f64)>;
+
+/// Mean and covariance of the errors. States `0..base` are the filter's own; behind them stand slots for landmarks and
+/// clones, of which `0..slots` have been in use.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gaussian {
+    /// States before the slots.
+    pub base: usize,
+    capacity: usize,
+    used: usize,
+    free: Vec<bool>,
+    mean: Vec<f64>,
+    covariance: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+/// A measurement: residuals, their rows and their covariance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measurement {
+    /// Measured minus predicted by the nominal.
+    pub residual: Vec<f64>,
+    /// How the residuals depend on the errors.
+    pub rows: Vec<SparseRow>,
+    /// Covariance of the measurement, row-major.
+    pub noise: Vec<f64>,
+}
+
+/// What the backward pass needs of an update.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UpdateRecord {
+    /// Innovation: residual less what the mean of the errors predicts.
+    pub innovation: Vec<f64>,
+    /// Its covariance's inverse, row-major.
+    pub precision: Vec<f64>,
+    /// Rows of the measurement.
+    pub rows: Vec<SparseRow>,
+    /// Gain, one column a row of the measurement.
+    pub gain: Vec<Vec<f64>>,
+}
+
+/// The covariance of an innovation cannot be inverted: the measurement has no noise and nothing to learn from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("an innovation without variance: the measurement needs a standard deviation above zero")]
+pub struct Singular;
+
+/// Inverse of a small symmetric positive definite matrix, row-major, by Cholesky's decomposition.
+///
+/// # Errors
+/// [`Singular`] when it is not positive definite.
+pub fn invert(matrix: &[f64], m: usize) -> Result<Vec<f64>, Singular> {
+    if m == 1 {
+        return if matrix[0] > 0.0 { Ok(vec![1.0 / matrix[0]]) } else { Err(Singular) };
+    }
+    let full = nalgebra::DMatrix::from_row_slice(m, m, matrix);
+    let inverse = full.cholesky().ok_or(Singular)?.inverse();
+    Ok((0..m * m).map(|k| 0.5 * (inverse[(k / m, k % m)] + inverse[(k % m, k / m)])).collect())
+}
+
+impl Gaussian {
+    /// Zero mean and a diagonal of variances, with room for `slots` landmarks and clones.
+    #[must_use]
+    pub fn new(variances: &[f64], slots: usize) -> Self {
+        let base = variances.len();
+        let capacity = base + slots;
+        let mut covariance = vec![0.0; capacity * capacity];
+        for (i, v) in variances.iter().enumerate() {
+            covariance[i * capacity + i] = *v;
+        }
+        Self {
+            base,
+            capacity,
+            used: 0,
+            free: vec![true; slots],
+            mean: vec![0.0; capacity],
+            covariance,
+            scratch: vec![0.0; CORE.max(8) * capacity],
+        }
+    }
+
+    /// States in use: the base and the slots up to the last that was taken.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.base + self.used
+    }
+
+    /// Whether there is no state at all.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Mean of the errors.
+    #[must_use]
+    pub fn mean(&self) -> &[f64] {
+        &self.mean[..self.len()]
+    }
+
+    /// Mean of the errors, to be changed.
+    pub fn mean_mut(&mut self) -> &mut [f64] {
+        let n = self.len();
+        &mut self.mean[..n]
+    }
+
+    /// Covariance of two errors.
+    #[must_use]
+    pub fn covariance(&self, i: usize, j: usize) -> f64 {
+        self.covariance[i * self.capacity + j]
+    }
+
+    /// Sets the covariance of two errors.
+    pub fn set_covariance(&mut self, i: usize, j: usize, value: f64) {
+        self.covariance[i * self.capacity + j] = value;
+        self.covariance[j * self.capacity + i] = value;
+    }
+
+    /// A row of the covariance.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[f64] {
+        &self.covariance[i * self.capacity..i * self.capacity + self.len()]
+    }
+
+    /// Adds variances to the first states.
+    pub fn add_variances(&mut self, variances: &[f64], factor: f64) {
+        for (i, v) in variances.iter().enumerate() {
+            self.covariance[i * self.capacity + i] += factor * v;
+        }
+    }
+
+    /// Moves mean and covariance by a transition: `x ← Φ x`, `P ← Φ P Φᵀ`.
+    pub fn advance(&mut self, transition: &Transition) {
+        let (n, base, capacity) = (self.len(), self.base, self.capacity);
+        move_mean(&mut self.mean[..base], transition);
+        // the nine rows of Φ P, over all columns
+        let product = &mut self.scratch[..NAV * n];
+        product.fill(0.0);
+        for (out, row) in product.chunks_exact_mut(n).zip(&transition.nav) {
+            for (k, factor) in row.iter().enumerate() {
+                if *factor != 0.0 {
+                    let from = &self.covariance[k * capacity..k * capacity + n];
+                    for (o, p) in out.iter_mut().zip(from) {
+                        *o += factor * p;
+                    }
+                }
+            }
+        }
+        // states that only decay, among themselves and with the slots
+        for i in NAV..base {
+            let di = transition.decay[i - NAV];
+            let row = &mut self.covariance[i * capacity..i * capacity + n];
+            for (p, d) in row[NAV..base].iter_mut().zip(&transition.decay) {
+                *p *= di * d;
+            }
+            for p in &mut row[base..] {
+                *p *= di;
+            }
+        }
+        for i in base..n {
+            for (j, d) in (NAV..base).zip(&transition.decay) {
+                self.covariance[i * capacity + j] *= d;
+            }
+        }
+        let product = &self.scratch[..NAV * n];
+        for i in 0..NAV {
+            let out = &product[i * n..(i + 1) * n];
+            for j in i..NAV {
+                let row = &transition.nav[j];
+                let value: f64 = out[..CORE].iter().zip(row).map(|(a, b)| a * b).sum();
+                self.covariance[i * capacity + j] = value;
+                self.covariance[j * capacity + i] = value;
+            }
+            for j in NAV..n {
+                let value = out[j] * if j < base { transition.decay[j - NAV] } else { 1.0 };
+                self.covariance[i * capacity + j] = value;
+                self.covariance[j * capacity + i] = value;
+            }
+        }
+    }
+
+    /// Innovation of a measurement, its covariance (row-major), and `P Hᵀ` (a column for each row of the measurement).
+    #[must_use]
+    pub fn predict(&self, measurement: &Measurement) -> (Vec<f64>, Vec<f64>, Vec<Vec<f64>>) {
+        let (n, m) = (self.len(), measurement.rows.len());
+        let mut columns = Vec::with_capacity(m);
+        let mut innovation = measurement.residual.clone();
+        for (row, v) in measurement.rows.iter().zip(&mut innovation) {
+            let mut column = vec![0.0; n];
+            for (k, factor) in row {
+                *v -= factor * self.mean[*k];
+                let from = &self.covariance[k * self.capacity..k * self.capacity + n];
+                for (c, p) in column.iter_mut().zip(from) {
+                    *c += factor * p;
+                }
+            }
+            columns.push(column);
+        }
+        let mut spread = measurement.noise.clone();
+        for (a, row) in measurement.rows.iter().enumerate() {
+            for (b, column) in columns.iter().enumerate() {
+                spread[a * m + b] += row.iter().map(|(k, factor)| factor * column[*k]).sum::<f64>();
+            }
+        }
+        (innovation, spread, columns)
+    }
+
+    /// Takes a measurement in. The covariance is updated in Joseph's form, `P - K Wᵀ - W Kᵀ + K S Kᵀ` with `W = P Hᵀ`.
+    ///
+    /// # Errors
+    /// [`Singular`] when the innovation has no variance.
+    pub fn update(&mut self, measurement: &Measurement) -> Result<UpdateRecord, Singular> {
+        let (innovation, spread, columns) = self.predict(measurement);
+        let (n, m) = (self.len(), measurement.rows.len());
+        let precision = invert(&spread, m)?;
+        let combine = |weights: &[f64], a: usize| {
+            let mut out = vec![0.0; n];
+            for (b, column) in columns.iter().enumerate() {
+                let w = weights[b * m + a];
+                for (o, c) in out.iter_mut().zip(column) {
+                    *o += w * c;
+                }
+            }
+            out
+        };
+        let gain: Vec<Vec<f64>> = (0..m).map(|a| combine(&precision, a)).collect();
+        for (k, v) in gain.iter().zip(&innovation) {
+            for (x, g) in self.mean.iter_mut().zip(k) {
+                *x += g * v;
+            }
+        }
+        for a in 0..m {
+            // K S of this column less two W: P += K (½ S Kᵀ - Wᵀ) + transpose
+            let mut half = vec![0.0; n];
+            for (b, k) in gain.iter().enumerate() {
+                let s = 0.5 * spread[b * m + a];
+                for (h, g) in half.iter_mut().zip(k) {
+                    *h += s * g;
+                }
+            }
+            for (h, w) in half.iter_mut().zip(&columns[a]) {
+                *h -= w;
+            }
+            let k = &gain[a];
+            for i in 0..n {
+                let (ki, hi) = (k[i], half[i]);
+                let row = &mut self.covariance[i * self.capacity..i * self.capacity + n];
+                for ((p, kj), hj) in row.iter_mut().zip(k).zip(&half) {
+                    *p += ki * hj + hi * kj;
+                }
+            }
+        }
+        Ok(UpdateRecord { innovation, precision, rows: measurement.rows.clone(), gain })
+    }
+
+    /// Brings in a state that is a combination of others plus noise: a landmark with the noise of its first sighting, a
+    /// clone with none. Gives its index, or `None` when all slots are taken.
+    pub fn enter(&mut self, row: &[(usize, f64)], variance: f64) -> Option<usize> {
+        let slot = self.free.iter().position(|f| *f)?;
+        self.free[slot] = false;
+        self.used = self.used.max(slot + 1);
+        let (n, at) = (self.len(), self.base + slot);
+        let mut column = vec![0.0; n];
+        let mut mean = 0.0;
+        for (k, factor) in row {
+            mean += factor * self.mean[*k];
+            for (c, p) in column.iter_mut().zip(&self.covariance[k * self.capacity..]) {
+                *c += factor * p;
+            }
+        }
+        column[at] = row.iter().map(|(k, factor)| factor * column[*k]).sum::<f64>() + variance;
+        self.mean[at] = mean;
+        for (i, c) in column.iter().enumerate() {
+            self.set_covariance(i, at, *c);
+        }
+        Some(at)
+    }
+
+    /// Lets a state of a slot go.
+    pub fn leave(&mut self, at: usize) {
+        for i in 0..self.len() {
+            self.set_covariance(i, at, 0.0);
+        }
+        self.mean[at] = 0.0;
+        self.free[at - self.base] = true;
+        while self.used > 0 && self.free[self.used - 1] {
+            self.used -= 1;
+        }
+    }
+
+    /// Slots not taken.
+    #[must_use]
+    pub fn free_slots(&self) -> usize {
+        self.free.iter().filter(|f| **f).count()
+    }
+}
+
+fn move_mean(mean: &mut [f64], transition: &Transition) {
+    if mean.iter().all(|v| *v == 0.0) {
+        return;
+    }
+    let mut nav = [0.0; NAV];
+    for (out, row) in nav.iter_mut().zip(&transition.nav) {
+        *out = row.iter().zip(mean.iter()).map(|(a, b)| a * b).sum();
+    }
+    mean[..NAV].copy_from_slice(&nav);
+    for (x, d) in mean[NAV..].iter_mut().zip(&transition.decay) {
+        *x *= d;
+    }
+}
+
+/// The adjoint of the backward pass: λ and Λ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Adjoint {
+    capacity: usize,
+    vector: Vec<f64>,
+    matrix: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl Adjoint {
+    /// Zero: nothing is known of the future.
+    #[must_use]
+    pub fn new(base: usize, slots: usize) -> Self {
+        let capacity = base + slots;
+        Self {
+            capacity,
+            vector: vec![0.0; capacity],
+            matrix: vec![0.0; capacity * capacity],
+            scratch: vec![0.0; CORE * capacity],
+        }
+    }
+
+    /// λ of the first `n` states.
+    #[must_use]
+    pub fn vector(&self, n: usize) -> &[f64] {
+        &self.vector[..n]
+    }
+
+    /// A row of Λ.
+    #[must_use]
+    pub fn row(&self, i: usize, n: usize) -> &[f64] {
+        &self.matrix[i * self.capacity..i * self.capacity + n]
+    }
+
+    /// Back through an update.
+    pub fn back_through_update(&mut self, record: &UpdateRecord) {
+        let (m, n) = (record.rows.len(), record.gain.first().map_or(0, Vec::len));
+        let mut pulls = vec![0.0; m]; // Kᵀ λ + S⁻¹ v
+        for a in 0..m {
+            let of_gain: f64 = record.gain[a].iter().zip(&self.vector).map(|(k, l)| k * l).sum();
+            let of_innovation: f64 = (0..m).map(|b| record.precision[a * m + b] * record.innovation[b]).sum();
+            pulls[a] = of_gain + of_innovation;
+        }
+        // U = Λ K, and Kᵀ Λ K + S⁻¹
+        let mut u = vec![vec![0.0; n]; m];
+        for (out, gain) in u.iter_mut().zip(&record.gain) {
+            for (k, g) in gain.iter().enumerate() {
+                if *g != 0.0 {
+                    let row = &self.matrix[k * self.capacity..k * self.capacity + n];
+                    for (o, r) in out.iter_mut().zip(row) {
+                        *o += g * r;
+                    }
+                }
+            }
+        }
+        let mut core = record.precision.clone();
+        for a in 0..m {
+            for b in 0..m {
+                core[a * m + b] += record.gain[a].iter().zip(&u[b]).map(|(k, v)| k * v).sum::<f64>();
+            }
+        }
+        for (row, pull) in record.rows.iter().zip(&pulls) {
+            for (k, factor) in row {
+                self.vector[*k] -= factor * pull;
+            }
+        }
+        for (a, row) in record.rows.iter().enumerate() {
+            for (k, factor) in row {
+                for (j, v) in u[a].iter().enumerate() {
+                    self.matrix[k * self.capacity + j] -= factor * v;
+                    self.matrix[j * self.capacity + k] -= factor * v;
+                }
+            }
+            for (b, other) in record.rows.iter().enumerate() {
+                for (k, fk) in row {
+                    for (l, fl) in other {
+                        self.matrix[k * self.capacity + l] += fk * core[a * m + b] * fl;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Back through the entry of a state at index `at`; `n` states afterwards.
+    pub fn back_through_entry(&mut self, at: usize, row: &[(usize, f64)], n: usize) {
+        let value = self.vector[at];
+        for (k, factor) in row {
+            self.vector[*k] += factor * value;
+        }
+        self.vector[at] = 0.0;
+        // Φᵀ Λ Φ with Φ the identity over the others and the new row
+        let column: Vec<f64> = self.row(at, n).to_vec();
+        for (k, fk) in row {
+            for j in 0..n {
+                if j != at {
+                    self.matrix[k * self.capacity + j] += fk * column[j];
+                    self.matrix[j * self.capacity + k] += fk * column[j];
+                }
+            }
+            for (l, fl) in row {
+                self.matrix[k * self.capacity + l] += fk * fl * column[at];
+            }
+        }
+        for j in 0..n {
+            self.matrix[at * self.capacity + j] = 0.0;
+            self.matrix[j * self.capacity + at] = 0.0;
+        }
+    }
+
+    /// Back through a transition; `n` states, of which `base` are not slots.
+    pub fn back_through_transition(&mut self, transition: &Transition, base: usize, n: usize) {
+        let capacity = self.capacity;
+        let mut moved = [0.0; CORE];
+        for (l, row) in self.vector.iter().zip(&transition.nav) {
+            for (o, factor) in moved.iter_mut().zip(row) {
+                *o += l * factor;
+            }
+        }
+        for i in NAV..base {
+            let rest = self.vector[i] * transition.decay[i - NAV];
+            self.vector[i] = rest + if i < CORE { moved[i] } else { 0.0 };
+        }
+        self.vector[..NAV].copy_from_slice(&moved[..NAV]);
+
+        // M = Φᵀ Λ: rows 0..CORE take from the nine, rows NAV.. also decay
+        let product = &mut self.scratch[..CORE * n];
+        product.fill(0.0);
+        for (k, row) in transition.nav.iter().enumerate() {
+            let from = &self.matrix[k * capacity..k * capacity + n];
+            for (i, factor) in row.iter().enumerate() {
+                if *factor != 0.0 {
+                    for (o, p) in product[i * n..(i + 1) * n].iter_mut().zip(from) {
+                        *o += factor * p;
+                    }
+                }
+            }
+        }
+        for i in NAV..base {
+            let d = transition.decay[i - NAV];
+            for p in &mut self.matrix[i * capacity..i * capacity + n] {
+                *p *= d;
+            }
+        }
+        for i in 0..CORE {
+            let row = &mut self.matrix[i * capacity..i * capacity + n];
+            let extra = &self.scratch[i * n..(i + 1) * n];
+            if i < NAV {
+                row.copy_from_slice(extra);
+            } else {
+                for (p, e) in row.iter_mut().zip(extra) {
+                    *p += e;
+                }
+            }
+        }
+        // M Φ: each row, columns 0..CORE take from the nine, columns NAV.. also decay
+        for i in 0..n {
+            let row = &mut self.matrix[i * capacity..i * capacity + n];
+            let mut moved = [0.0; CORE];
+            for (p, of_nav) in row.iter().zip(&transition.nav) {
+                if *p != 0.0 {
+                    for (o, factor) in moved.iter_mut().zip(of_nav) {
+                        *o += p * factor;
+                    }
+                }
+            }
+            for (j, d) in (NAV..base).zip(&transition.decay) {
+                row[j] *= d;
+            }
+            row[..NAV].copy_from_slice(&moved[..NAV]);
+            for (p, o) in row[NAV..CORE].iter_mut().zip(&moved[NAV..]) {
+                *p += o;
+            }
+        }
+        self.make_symmetric(n);
+    }
+
+    /// Averages Λ with its transpose. Updates contract what is symmetric only: without this, what rounding leaves
+    /// antisymmetric would grow with the transitions without bound.
+    fn make_symmetric(&mut self, n: usize) {
+        for i in 0..n {
+            for j in i + 1..n {
+                let (a, b) = (i * self.capacity + j, j * self.capacity + i);
+                let mean = 0.5 * (self.matrix[a] + self.matrix[b]);
+                (self.matrix[a], self.matrix[b]) = (mean, mean);
+            }
+        }
+    }
+}
+
+/// Smoothed errors and covariance of the first `wanted` states: `x - P λ` and `P - P Λ P`.
+#[must_use]
+pub fn smoothed(rows: &[f64], mean: &[f64], n: usize, wanted: usize, adjoint: &Adjoint) -> (Vec<f64>, Vec<f64>) {
+    let mut product = vec![0.0; wanted * n]; // P Λ
+    let mut error = mean[..wanted].to_vec();
+    for i in 0..wanted {
+        let row = &rows[i * n..(i + 1) * n];
+        let out = &mut product[i * n..(i + 1) * n];
+        for (k, p) in row.iter().enumerate() {
+            error[i] -= p * adjoint.vector[k];
+            if *p != 0.0 {
+                for (o, l) in out.iter_mut().zip(adjoint.row(k, n)) {
+                    *o += p * l;
+                }
+            }
+        }
+    }
+    let mut covariance = vec![0.0; wanted * wanted];
+    for i in 0..wanted {
+        for j in i..wanted {
+            let less: f64 = product[i * n..(i + 1) * n].iter().zip(&rows[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum();
+            let value = rows[i * n + j] - less;
+            covariance[i * wanted + j] = value;
+            covariance[j * wanted + i] = value;
+        }
+    }
+    (error, covariance)
+}

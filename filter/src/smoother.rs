@@ -1,0 +1,191 @@
+//! The smoother: forward pass, backward pass, and again about the result until it no longer moves.
+
+use crate::align::{AlignError, align};
+use crate::backward::{SmoothedNode, backward};
+use crate::events::{EventDelays, Inputs, collect};
+use crate::forward::{EXTRA_SLOTS, FilterNode, Forward, Plan, run};
+use crate::innovation::{Innovation, MeasurementKind};
+use crate::options::{InitialState, Options};
+use crate::rest::{Rest, find};
+use crate::solution::{Solution, TieUse};
+use crate::state::{Layout, Nominal};
+use crate::tape::Tape;
+use crate::tie_plan::plan_ties;
+
+/// Why a trajectory cannot be estimated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SmootherError {
+    /// A measurement without variance.
+    #[error("{kind} at {time_s:.3} s has no standard deviation above zero; give it one")]
+    NoVariance {
+        /// Which measurement.
+        kind: &'static str,
+        /// When \[s\].
+        time_s: f64,
+    },
+    /// Where the trajectory begins cannot be found.
+    #[error(transparent)]
+    Align(#[from] AlignError),
+    /// The temporary file.
+    #[error("the temporary file of the smoother: {0}; free the disk or set TMPDIR")]
+    Spill(#[from] std::io::Error),
+    /// The estimate ran away.
+    #[error("the solution is not finite from {time_s:.1} s on: {remedy}")]
+    NotFinite {
+        /// First node \[s\].
+        time_s: f64,
+        /// What to look at.
+        remedy: &'static str,
+    },
+}
+
+/// The smoother.
+#[derive(Debug, Clone, Copy)]
+pub struct Smoother;
+
+/// Change over sigma below which the solution stands.
+const SETTLED: f64 = 0.1;
+/// Change of a delay after which events are put to new times \[s\].
+const DELAY_MOVED_S: f64 = 0.003;
+
+impl Smoother {
+    /// Estimates the trajectory, from wherever it can be aligned.
+    ///
+    /// # Errors
+    /// [`SmootherError`].
+    pub fn run(inputs: &Inputs, options: &Options) -> Result<Solution, SmootherError> {
+        let rests = if options.standstill.is_some() { find(&inputs.imu, &inputs.gnss) } else { Vec::new() };
+        let (initial, how) = align(inputs, options, &rests)?;
+        let mut solution = Self::run_from(inputs, options, &initial, rests)?;
+        solution.notes.insert(0, how);
+        Ok(solution)
+    }
+
+    /// Estimates the trajectory from a given beginning.
+    ///
+    /// # Errors
+    /// [`SmootherError`].
+    pub fn run_from(
+        inputs: &Inputs,
+        options: &Options,
+        initial: &InitialState,
+        rests: Vec<Rest>,
+    ) -> Result<Solution, SmootherError> {
+        let layout = options.layout();
+        let span_s = (initial.nav.time_s, inputs.imu.span_s().1);
+        let ties = plan_ties(&inputs.ties, options.ties.most_live, span_s);
+        let mut delays =
+            EventDelays { position_s: options.gnss.delay_s.0, velocity_s: options.gnss.velocity_delay_s.0 };
+        let mut reference: Option<Vec<Nominal>> = None;
+        let mut filter: Option<(Vec<FilterNode>, Vec<Innovation>)> = None;
+        let mut runs = 0;
+        let mut change = f64::INFINITY;
+        loop {
+            let events = collect(inputs, options, &rests, &ties.used, &delays, span_s);
+            let plan = Plan {
+                inputs,
+                options,
+                layout: &layout,
+                events: &events,
+                delays,
+                initial,
+                reference: reference.as_deref(),
+            };
+            let mut tape = Tape::new(layout.base, options.memory_bytes);
+            let forward = run(plan, &mut tape)?;
+            check_finite(&forward)?;
+            let slots = options.ties.most_live + EXTRA_SLOTS;
+            let (nodes, moved) = backward(&layout, &mut tape, &forward.nominals, slots)?;
+            runs += 1;
+            if reference.is_some() {
+                change = moved;
+            } else {
+                filter = Some((forward.nodes.clone(), forward.innovations.clone()));
+            }
+            let done = runs >= options.most_runs || change < SETTLED;
+            let moved_delays = delays_of(&nodes);
+            let moved = |a: f64, b: f64, estimated: bool| estimated && (a - b).abs() > DELAY_MOVED_S;
+            let late = moved(moved_delays.position_s, delays.position_s, layout.gnss_delay.is_some())
+                || moved(moved_delays.velocity_s, delays.velocity_s, layout.velocity_delay.is_some());
+            if late && !done {
+                // events move to their new times: a fresh run, with nodes of its own
+                delays = moved_delays;
+                reference = None;
+                change = f64::INFINITY;
+                continue;
+            }
+            if done {
+                let (filter_nodes, innovations) = filter.unwrap_or_default();
+                return Ok(finish(inputs, layout, nodes, filter_nodes, innovations, forward, ties, rests, runs, change));
+            }
+            reference = Some(nodes.iter().map(|n| n.nominal).collect());
+        }
+    }
+}
+
+fn delays_of(nodes: &[SmoothedNode]) -> EventDelays {
+    nodes.last().map_or_else(EventDelays::default, |n| EventDelays {
+        position_s: n.nominal.parameters.gnss_delay_s,
+        velocity_s: n.nominal.parameters.velocity_delay_s,
+    })
+}
+
+fn check_finite(forward: &Forward) -> Result<(), SmootherError> {
+    let bad = forward.nodes.iter().find(|n| {
+        !(n.nominal.nav.geodetic.iter().chain(&n.nominal.nav.velocity_ned_mps).all(|v| v.is_finite())
+            && n.variance.iter().all(|v| v.is_finite() && *v >= 0.0))
+    });
+    match bad {
+        Some(node) => Err(SmootherError::NotFinite {
+            time_s: node.nominal.nav.time_s,
+            remedy: "check units and axes of the IMU and that GNSS and IMU share a clock",
+        }),
+        None => Ok(()),
+    }
+}
+
+#[allow(clippy::too_many_arguments)] // everything a solution is made of
+fn finish(
+    inputs: &Inputs,
+    layout: Layout,
+    nodes: Vec<SmoothedNode>,
+    filter: Vec<FilterNode>,
+    innovations: Vec<Innovation>,
+    forward: Forward,
+    ties: crate::tie_plan::TiePlan,
+    rests: Vec<Rest>,
+    runs: usize,
+    change: f64,
+) -> Solution {
+    let mut notes = Vec::new();
+    for (from, to) in &forward.bridged {
+        notes.push(format!("IMU gap from {from:.3} s to {to:.3} s: bridged, with the uncertainty of unseen motion"));
+    }
+    let mut lost: Vec<&(f64, MeasurementKind)> = forward.lost.iter().collect();
+    lost.dedup_by_key(|l| l.1);
+    for (time_s, kind) in lost {
+        notes.push(format!(
+            "at {time_s:.1} s so many {} measurements in a row did not fit that they were taken for the truth",
+            kind.as_str()
+        ));
+    }
+    if change > SETTLED && change.is_finite() {
+        notes.push(format!("after {runs} runs the solution still moved by {change:.2} sigma"));
+    }
+    notes.extend(ties.notes.iter().cloned());
+    let tie_use: Vec<TieUse> = TieUse::of_all(inputs, &ties, &forward.tie_weight);
+    let mut solution = Solution {
+        layout,
+        nodes,
+        filter,
+        innovations,
+        ties: tie_use,
+        rests,
+        runs,
+        change,
+        notes,
+    };
+    solution.fill_tie_residuals(inputs);
+    solution
+}

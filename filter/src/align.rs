@@ -56,7 +56,9 @@ pub enum AlignError {
         gravity_mps2: f64,
     },
     /// The accelerometers feel gravity from the wrong side.
-    #[error("gravity points {axis} in the IMU's axes, down was due: declare its axes (axes = \"{suggestion}\" or the like)")]
+    #[error(
+        "gravity points {axis} in the IMU's axes, down was due: declare its axes (axes = \"{suggestion}\" or the like)"
+    )]
     WrongAxes {
         /// Where it points.
         axis: &'static str,
@@ -91,8 +93,7 @@ const GRAVITY_SHARE: f64 = 0.05;
 /// [`AlignError`].
 pub fn align(inputs: &Inputs, options: &Options, rests: &[Rest]) -> Result<(InitialState, String), AlignError> {
     let (first_s, last_s) = inputs.imu.span_s();
-    let usable: Vec<&GnssFix> =
-        inputs.gnss.iter().filter(|f| f.time_s >= first_s && f.time_s <= last_s).collect();
+    let usable: Vec<&GnssFix> = inputs.gnss.iter().filter(|f| f.time_s >= first_s && f.time_s <= last_s).collect();
     let (Some(first), Some(last)) = (inputs.gnss.first(), inputs.gnss.last()) else { return Err(AlignError::NoGnss) };
     if usable.len() < 2 {
         return Err(AlignError::NoOverlap { gnss_s: (first.time_s, last.time_s), imu_s: (first_s, last_s) });
@@ -114,9 +115,9 @@ fn mean_rates(imu: &Imu, from_s: f64, to_s: f64) -> Option<(Vector3<f64>, Vector
     if to <= from + 1 {
         return None;
     }
-    let sum = samples[from..to].iter().fold((Vector3::zeros(), Vector3::zeros()), |a, s| {
-        (a.0 + s.angle_rad, a.1 + s.velocity_mps)
-    });
+    let sum = samples[from..to]
+        .iter()
+        .fold((Vector3::zeros(), Vector3::zeros()), |a, s| (a.0 + s.angle_rad, a.1 + s.velocity_mps));
     let interval_s = samples[to - 1].time_s - samples[from - 1].time_s;
     Some((sum.0 / interval_s, sum.1 / interval_s, interval_s))
 }
@@ -203,19 +204,14 @@ fn level(force: &Vector3<f64>) -> (f64, f64) {
 }
 
 /// The beginning at the first rest, when the gyros feel the earth turn.
-fn at_rest(
-    inputs: &Inputs,
-    options: &Options,
-    rests: &[Rest],
-    fixes: &[&GnssFix],
-) -> Option<(InitialState, String)> {
+fn at_rest(inputs: &Inputs, options: &Options, rests: &[Rest], fixes: &[&GnssFix]) -> Option<(InitialState, String)> {
     let rest = rests.first().filter(|r| r.start_s <= fixes[0].time_s + 5.0)?;
     let (rate, force, interval_s) = mean_rates(&inputs.imu, rest.start_s, rest.end_s)?;
     let fix = fixes.iter().find(|f| f.time_s >= rest.start_s && f.time_s <= rest.end_s)?;
     let (roll, pitch) = level(&force);
     let noise = &options.noise;
-    let sigma_rate = (noise.gyro_bias_radps * noise.switch_on.max(1.0))
-        .hypot(noise.angle_random_walk / interval_s.sqrt());
+    let sigma_rate =
+        (noise.gyro_bias_radps * noise.switch_on.max(1.0)).hypot(noise.angle_random_walk / interval_s.sqrt());
     let heading_sigma = sigma_rate / (EARTH_RATE_RADPS * fix.geodetic.x.cos());
     if heading_sigma > COMPASS_RAD {
         return None;
@@ -289,9 +285,10 @@ fn on_the_move(
     let (speed, course) = course_of(fixes[at], fixes[at + 1]);
     // a rest before gives the bias of the gyros and the level
     let start = fixes[0];
-    let rest = rests.iter().take_while(|r| r.end_s <= moving.time_s).max_by(|a, b| {
-        (a.end_s - a.start_s).total_cmp(&(b.end_s - b.start_s))
-    });
+    let rest = rests
+        .iter()
+        .take_while(|r| r.end_s <= moving.time_s)
+        .max_by(|a, b| (a.end_s - a.start_s).total_cmp(&(b.end_s - b.start_s)));
     let known = rest.and_then(|r| mean_rates(&inputs.imu, r.start_s, r.end_s).map(|m| (r, m)));
     let bias = known.map_or_else(Vector3::zeros, |(_, (rate, ..))| rate);
     let noise = &options.noise;
@@ -308,7 +305,8 @@ fn on_the_move(
         }
         _ => (moving_attitude * carried.inverse(), LEVEL_RAD.hypot(noise.gyro_bias_radps * back_s)),
     };
-    let rate_sigma = if known.is_some() { noise.gyro_bias_radps } else { noise.gyro_bias_radps * noise.switch_on.max(1.0) };
+    let rate_sigma =
+        if known.is_some() { noise.gyro_bias_radps } else { noise.gyro_bias_radps * noise.switch_on.max(1.0) };
     let heading_sigma =
         (COURSE_RAD + 0.3 / speed).hypot(rate_sigma * back_s).hypot(noise.angle_random_walk * back_s.sqrt());
     let velocity = velocity_of(fixes[0], fixes[1]);

@@ -55,15 +55,20 @@ pub struct Event {
     pub kind: EventKind,
 }
 
+/// How long a vehicle rocks after it has stopped \[s\].
+const ROCKING_S: f64 = 1.0;
+/// Shortest time in which the attitude is held still \[s\].
+const LEAST_STILL_S: f64 = 1.0;
 /// Longest mean of odometer readings \[s\].
 const ODOMETER_MEAN_S: f64 = 0.25;
 /// Below this speed the non-holonomic constraint says nothing that rest does not \[m/s\].
 pub(crate) const CONSTRAINT_SPEED_MPS: f64 = 0.5;
 
-/// Delays that events are shifted by \[s\]: positions and velocities of GNSS.
+/// Delays that events are shifted by \[s\], against the clock of the IMU. GNSS keeps GPS time, and so does everything else
+/// but the IMU: the delay of positions is that of all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EventDelays {
-    /// Of positions.
+    /// Of positions, and of all that is stamped in GPS time.
     pub position_s: f64,
     /// Of velocities.
     pub velocity_s: f64,
@@ -92,7 +97,7 @@ pub fn collect(
         }
     }
     for (i, point) in inputs.points.iter().enumerate() {
-        put(point.time_s, EventKind::Known(i));
+        put(point.time_s + delays.position_s, EventKind::Known(i));
     }
     if options.odometer.is_some() {
         let mut first = 0;
@@ -101,7 +106,7 @@ pub fn collect(
             let count =
                 inputs.odometer[first..].iter().take_while(|o| o.time_s < begin_s + ODOMETER_MEAN_S).count().max(1);
             let last_s = inputs.odometer[first + count - 1].time_s;
-            put(0.5 * (begin_s + last_s), EventKind::Odometer(first, count));
+            put(0.5 * (begin_s + last_s) + delays.position_s, EventKind::Odometer(first, count));
             first += count;
         }
     }
@@ -118,16 +123,21 @@ pub fn collect(
     }
     if let Some(standstill) = &options.standstill {
         for rest in rests {
-            put(rest.start_s.max(start_s + 1e-3), EventKind::RestBegins);
-            for time_s in spaced(rest.start_s.max(start_s), rest.end_s.min(end_s), standstill.interval_s) {
+            let (from_s, to_s) = (rest.start_s.max(start_s + 1e-3), rest.end_s.min(end_s));
+            put(0.5 * (from_s + to_s), EventKind::AtRest); // a short rest has no whole interval
+            for time_s in spaced(from_s, to_s, standstill.interval_s) {
                 put(time_s, EventKind::AtRest);
             }
-            put(rest.end_s.min(end_s), EventKind::NotTurned(true));
+            // a vehicle rocks for a moment after it stops
+            if to_s - from_s > LEAST_STILL_S + ROCKING_S {
+                put(from_s + ROCKING_S, EventKind::RestBegins);
+                put(to_s, EventKind::NotTurned(true));
+            }
         }
     }
     for &t in used_ties {
         for (s, sighting) in inputs.ties[t].sightings.iter().enumerate() {
-            put(sighting.time_s, EventKind::Sighting(t, s));
+            put(sighting.time_s + delays.position_s, EventKind::Sighting(t, s));
         }
     }
     for time_s in spaced(start_s, end_s, options.node_interval_s) {

@@ -202,7 +202,11 @@ impl Run<'_> {
                 if let Some(model) = &options.constraint
                     && nominal.nav.velocity_ned_mps.norm() > CONSTRAINT_SPEED_MPS
                 {
-                    self.take(vehicle::constraint(&nominal, layout, model, &motion), event, MeasurementKind::Constraint)?;
+                    self.take(
+                        vehicle::constraint(&nominal, layout, model, &motion),
+                        event,
+                        MeasurementKind::Constraint,
+                    )?;
                 }
             }
             EventKind::RestBegins | EventKind::AtRest | EventKind::NotTurned(_) => self.rest(event)?,

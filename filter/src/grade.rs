@@ -82,7 +82,8 @@ impl ImuGrade {
             Self::Stim300 => (0.15, 0.06, 3.0, 75.0, 500.0, 300.0, 1.0, 3.0),
             // KF-GINS and OB_GINS, published with the sets of that sensor
             Self::Adis16465 => (0.1, 0.1, 25.0, 200.0, 1000.0, 1000.0, 1.0, 1.0),
-            Self::Consumer => (0.3, 0.12, 50.0, 1000.0, 3000.0, 3000.0, 1.0, 10.0),
+            // on the road: vibration beyond half the sampling rate shows as noise and as biases that wander within minutes
+            Self::Consumer => (0.3, 1.0, 300.0, 3000.0, 3000.0, 3000.0, 100.0 / 3600.0, 5.0),
         };
         ImuNoise {
             angle_random_walk: arw * DEG_PER_ROOT_HOUR,

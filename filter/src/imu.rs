@@ -24,7 +24,9 @@ pub enum ImuError {
         found: usize,
     },
     /// Times do not increase.
-    #[error("IMU sample {sample}: time {time_s} s does not follow {previous_s} s; sort the file or remove the duplicate")]
+    #[error(
+        "IMU sample {sample}: time {time_s} s does not follow {previous_s} s; sort the file or remove the duplicate"
+    )]
     TimeNotIncreasing {
         /// 0-based sample.
         sample: usize,

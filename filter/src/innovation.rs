@@ -76,7 +76,8 @@ pub fn chi_squared_limit(degrees: usize, probability: f64) -> f64 {
 /// What a standard normal variable exceeds with a (small) probability, by Abramowitz and Stegun 26.2.23.
 fn normal_quantile(probability: f64) -> f64 {
     let t = (-2.0 * probability.clamp(1e-300, 0.5).ln()).sqrt();
-    t - (2.515_517 + 0.802_853 * t + 0.010_328 * t * t) / (1.0 + 1.432_788 * t + 0.189_269 * t * t + 0.001_308 * t.powi(3))
+    t - (2.515_517 + 0.802_853 * t + 0.010_328 * t * t)
+        / (1.0 + 1.432_788 * t + 0.189_269 * t * t + 0.001_308 * t.powi(3))
 }
 
 /// Tests a measurement and takes it in, down-weighted where it does not fit: its noise grows until the innovation sits on
@@ -129,7 +130,9 @@ mod tests {
 
     #[test]
     fn limits_are_those_of_the_tables() {
-        for (degrees, probability, table) in [(1, 0.05, 3.841), (3, 0.01, 11.345), (3, 0.001, 16.266), (6, 0.05, 12.592)] {
+        for (degrees, probability, table) in
+            [(1, 0.05, 3.841), (3, 0.01, 11.345), (3, 0.001, 16.266), (6, 0.05, 12.592)]
+        {
             let limit = chi_squared_limit(degrees, probability);
             assert!((limit / table - 1.0).abs() < 0.02, "{degrees} {probability}: {limit} and {table}");
         }

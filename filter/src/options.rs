@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use crate::grade::ImuNoise;
 use crate::state::{
-    ACCELEROMETER_BIAS, ACCELEROMETER_SCALE, ATTITUDE, GYRO_BIAS, GYRO_SCALE, Layout, NAV, Optional, POSITION, Parameters,
-    VELOCITY,
+    ACCELEROMETER_BIAS, ACCELEROMETER_SCALE, ATTITUDE, GYRO_BIAS, GYRO_SCALE, Layout, NAV, Optional, POSITION,
+    Parameters, VELOCITY,
 };
 use crate::strapdown::NavState;
 
@@ -84,8 +84,8 @@ impl Default for ConstraintModel {
     fn default() -> Self {
         Self {
             lever_arm_m: Vector3::zeros(),
-            slip_sigma_mps: [0.05, 0.05],
-            slip_correlation_s: 2.0,
+            slip_sigma_mps: [0.04, 0.04],
+            slip_correlation_s: 1.0,
             noise_mps: 0.01,
             mounting_sigma_rad: 2.0_f64.to_radians(),
             interval_s: 0.5,
@@ -106,7 +106,7 @@ pub struct StandstillModel {
 
 impl Default for StandstillModel {
     fn default() -> Self {
-        Self { velocity_sigma_mps: 0.005, sway_rad: 0.005_f64.to_radians(), interval_s: 1.0 }
+        Self { velocity_sigma_mps: 0.005, sway_rad: 0.01_f64.to_radians(), interval_s: 1.0 }
     }
 }
 
@@ -193,7 +193,7 @@ impl Options {
             false_alarm: 1e-4,
             node_interval_s: 0.5,
             step_s: 0.05,
-            most_runs: 4,
+            most_runs: 10,
             memory_bytes: 256 << 20,
         }
     }
@@ -277,8 +277,10 @@ impl Options {
         };
         put(GYRO_BIAS, 3, bias(n.gyro_bias_radps));
         put(ACCELEROMETER_BIAS, 3, bias(n.accelerometer_bias_mps2));
-        put(GYRO_SCALE, 3, Process::GaussMarkov { sigma: n.gyro_scale, correlation_s: n.correlation_s });
-        put(ACCELEROMETER_SCALE, 3, Process::GaussMarkov { sigma: n.accelerometer_scale, correlation_s: n.correlation_s });
+        // scale errors are those of the build: they change over hours, however fast the biases wander
+        let hours_s = n.correlation_s.max(3600.0);
+        put(GYRO_SCALE, 3, Process::GaussMarkov { sigma: n.gyro_scale, correlation_s: hours_s });
+        put(ACCELEROMETER_SCALE, 3, Process::GaussMarkov { sigma: n.accelerometer_scale, correlation_s: hours_s });
         if let Some(at) = layout.gnss_error {
             put(at, 3, Process::GaussMarkov { sigma: 1.0, correlation_s: self.gnss.correlation_s });
         }

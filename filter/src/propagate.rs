@@ -160,8 +160,7 @@ impl<'a> Propagator<'a> {
             return;
         }
         let nav = &self.nominal.nav;
-        let mut transition =
-            Transition::of(&self.sums, nav, &Locality::at(&nav.geodetic), self.layout.base);
+        let mut transition = Transition::of(&self.sums, nav, &Locality::at(&nav.geodetic), self.layout.base);
         let mut noise = vec![0.0; self.layout.base];
         let n = &self.options.noise;
         let unseen = |density: f64| density * density * self.unseen_s;
@@ -192,12 +191,16 @@ impl<'a> Propagator<'a> {
     /// The transition since the last node, and the states there were before the operations.
     pub(crate) fn take_transition(&mut self, states: usize, operations: &[Operation]) -> (Transition, usize) {
         let transition = std::mem::replace(&mut self.transition, Transition::identity(self.layout.base));
-        let before = operations
-            .first()
-            .map_or(states, |o| match o {
-                Operation::Update(update) => update.gain.first().map_or(states, Vec::len),
-                Operation::Enter { at, states, .. } => if *at + 1 == *states { states - 1 } else { *states },
-            });
+        let before = operations.first().map_or(states, |o| match o {
+            Operation::Update(update) => update.gain.first().map_or(states, Vec::len),
+            Operation::Enter { at, states, .. } => {
+                if *at + 1 == *states {
+                    states - 1
+                } else {
+                    *states
+                }
+            }
+        });
         (transition, before)
     }
 }

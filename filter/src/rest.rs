@@ -20,18 +20,19 @@ pub struct Rest {
 
 /// Length of a mean \[s\].
 const MEAN_S: f64 = 0.25;
-/// Means that are looked at together: two seconds.
-const WINDOW: usize = 8;
-/// Shortest rest \[s\].
-const SHORTEST_S: f64 = 2.0;
+/// Means that are looked at together: one second.
+const WINDOW: usize = 4;
+/// Shortest rest \[s\], after the cut.
+const SHORTEST_S: f64 = 0.5;
 /// Cut off at both ends of a rest, where the platform still rocks \[s\].
-const MARGIN_S: f64 = 1.0;
+const MARGIN_S: f64 = 0.25;
 /// A vehicle slower than this by GNSS stands \[m/s\].
 const STANDING_MPS: f64 = 0.15;
 
 /// How restless the platform is over time: time of the window's middle \[s\], restlessness of rotation \[rad/s\] and of
 /// acceleration \[m/s²\].
-fn restlessness(imu: &Imu) -> Vec<(f64, f64, f64)> {
+#[must_use]
+pub fn restlessness(imu: &Imu) -> Vec<(f64, f64, f64)> {
     let mut means: Vec<(f64, Vector3<f64>, Vector3<f64>)> = Vec::new();
     let mut sum = (0.0, Vector3::zeros(), Vector3::zeros());
     let mut start_s = imu.samples()[0].time_s;
@@ -64,19 +65,20 @@ fn speed_mps(gnss: &[GnssFix], time_s: f64) -> Option<f64> {
     let next = gnss.partition_point(|f| f.time_s < time_s);
     let near = |i: usize| gnss.get(i).filter(|f| (f.time_s - time_s).abs() < 1.5);
     let (before, after) = (near(next.checked_sub(1)?)?, near(next)?);
-    let moved = (crate::earth::ecef_from_geodetic(&after.geodetic) - crate::earth::ecef_from_geodetic(&before.geodetic))
-        .norm()
-        / (after.time_s - before.time_s).max(0.2);
+    let moved =
+        (crate::earth::ecef_from_geodetic(&after.geodetic) - crate::earth::ecef_from_geodetic(&before.geodetic)).norm()
+            / (after.time_s - before.time_s).max(0.2);
     let measured = before.velocity.iter().chain(&after.velocity).map(|v| v.ned_mps.norm()).fold(0.0, f64::max);
     Some(if before.velocity.is_some() { measured } else { moved })
 }
 
 /// Finds the rests.
 #[must_use]
+#[allow(clippy::cast_precision_loss)] // a few means
 pub fn find(imu: &Imu, gnss: &[GnssFix]) -> Vec<Rest> {
     let levels = restlessness(imu);
     let Some(limit) = limits(&levels, gnss) else { return Vec::new() };
-    let half_s = 0.5 * MEAN_S * 8.0;
+    let half_s = 0.5 * MEAN_S * WINDOW as f64;
     let mut rests: Vec<Rest> = Vec::new();
     for (time_s, turning, shaking) in &levels {
         let quiet = *turning <= limit.0 && *shaking <= limit.1;
@@ -93,7 +95,7 @@ pub fn find(imu: &Imu, gnss: &[GnssFix]) -> Vec<Rest> {
     rests
         .into_iter()
         .map(|r| Rest { start_s: r.start_s + MARGIN_S, end_s: r.end_s - MARGIN_S })
-        .filter(|r| r.end_s - r.start_s >= SHORTEST_S - MARGIN_S)
+        .filter(|r| r.end_s - r.start_s >= SHORTEST_S)
         .collect()
 }
 
@@ -109,8 +111,7 @@ fn limits(levels: &[(f64, f64, f64)], gnss: &[GnssFix]) -> Option<(f64, f64)> {
     };
     let standing: Vec<bool> =
         levels.iter().map(|(t, ..)| speed_mps(gnss, *t).is_some_and(|v| v < STANDING_MPS)).collect();
-    let moving: Vec<bool> =
-        levels.iter().map(|(t, ..)| speed_mps(gnss, *t).is_some_and(|v| v > 1.0)).collect();
+    let moving: Vec<bool> = levels.iter().map(|(t, ..)| speed_mps(gnss, *t).is_some_and(|v| v > 1.0)).collect();
     let of = |flags: &[bool], k: usize| -> Vec<f64> {
         levels.iter().zip(flags).filter(|(_, f)| **f).map(|(l, _)| if k == 0 { l.1 } else { l.2 }).collect()
     };

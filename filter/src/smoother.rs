@@ -48,6 +48,8 @@ pub struct Smoother;
 const SETTLED: f64 = 0.1;
 /// Change of a delay after which events are put to new times \[s\].
 const DELAY_MOVED_S: f64 = 0.003;
+/// So often at most.
+const MOST_MOVES: usize = 3;
 
 impl Smoother {
     /// Estimates the trajectory, from wherever it can be aligned.
@@ -79,7 +81,7 @@ impl Smoother {
             EventDelays { position_s: options.gnss.delay_s.0, velocity_s: options.gnss.velocity_delay_s.0 };
         let mut reference: Option<Vec<Nominal>> = None;
         let mut filter: Option<(Vec<FilterNode>, Vec<Innovation>)> = None;
-        let mut runs = 0;
+        let (mut runs, mut moves) = (0, 0);
         let mut change = f64::INFINITY;
         loop {
             let events = collect(inputs, options, &rests, &ties.used, &delays, span_s);
@@ -108,7 +110,8 @@ impl Smoother {
             let moved = |a: f64, b: f64, estimated: bool| estimated && (a - b).abs() > DELAY_MOVED_S;
             let late = moved(moved_delays.position_s, delays.position_s, layout.gnss_delay.is_some())
                 || moved(moved_delays.velocity_s, delays.velocity_s, layout.velocity_delay.is_some());
-            if late && !done {
+            if late && !done && moves < MOST_MOVES {
+                moves += 1;
                 // events move to their new times: a fresh run, with nodes of its own
                 delays = moved_delays;
                 reference = None;
@@ -117,7 +120,18 @@ impl Smoother {
             }
             if done {
                 let (filter_nodes, innovations) = filter.unwrap_or_default();
-                return Ok(finish(inputs, layout, nodes, filter_nodes, innovations, forward, ties, rests, runs, change));
+                return Ok(finish(
+                    inputs,
+                    layout,
+                    nodes,
+                    filter_nodes,
+                    innovations,
+                    forward,
+                    ties,
+                    rests,
+                    runs,
+                    change,
+                ));
             }
             reference = Some(nodes.iter().map(|n| n.nominal).collect());
         }
@@ -175,17 +189,7 @@ fn finish(
     }
     notes.extend(ties.notes.iter().cloned());
     let tie_use: Vec<TieUse> = TieUse::of_all(inputs, &ties, &forward.tie_weight);
-    let mut solution = Solution {
-        layout,
-        nodes,
-        filter,
-        innovations,
-        ties: tie_use,
-        rests,
-        runs,
-        change,
-        notes,
-    };
+    let mut solution = Solution { layout, nodes, filter, innovations, ties: tie_use, rests, runs, change, notes };
     solution.fill_tie_residuals(inputs);
     solution
 }

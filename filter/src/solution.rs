@@ -83,7 +83,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// First and last time \[s\].
+    /// First and last time on the clock of the IMU \[s\].
     #[must_use]
     pub fn span_s(&self) -> (f64, f64) {
         let time = |n: Option<&SmoothedNode>| n.map_or(f64::NAN, |n| n.nominal.nav.time_s);
@@ -124,12 +124,18 @@ impl Solution {
         })
     }
 
-    /// The smoothed trajectory with its standard deviations, thinned to an interval \[s\] (0: every epoch of the IMU).
+    /// What the clock of the IMU is ahead of GPS time by \[s\]: as the delay of GNSS positions shows it.
+    #[must_use]
+    pub fn clock_offset_s(&self) -> f64 {
+        self.nodes.last().map_or(0.0, |n| n.nominal.parameters.gnss_delay_s)
+    }
+
+    /// The smoothed trajectory with its standard deviations, in GPS time, thinned to an interval \[s\] (0: every epoch of the IMU).
     ///
     /// # Errors
     /// [`TrajectoryError`] when there are fewer than two epochs.
     pub fn trajectory(&self, inputs: &Inputs, interval_s: f64) -> Result<Trajectory, TrajectoryError> {
-        trajectory_of(self.epochs(inputs), interval_s)
+        trajectory_of(self.epochs(inputs), interval_s, self.clock_offset_s())
     }
 
     /// The trajectory of the forward filter.
@@ -137,7 +143,7 @@ impl Solution {
     /// # Errors
     /// As [`Solution::trajectory`].
     pub fn filter_trajectory(&self, inputs: &Inputs, interval_s: f64) -> Result<Trajectory, TrajectoryError> {
-        trajectory_of(self.filter_epochs(inputs), interval_s)
+        trajectory_of(self.filter_epochs(inputs), interval_s, self.clock_offset_s())
     }
 
     /// Covariance of position and attitude at a time, north-east-down \[m, rad\]; `None` outside of the span.
@@ -158,7 +164,7 @@ impl Solution {
         }))
     }
 
-    /// The smoothed pose at a time, linear between epochs of the mechanisation; `None` outside of the span.
+    /// The smoothed pose at a time on the clock of the IMU; `None` outside of the span.
     #[must_use]
     pub fn pose_at(&self, inputs: &Inputs, time_s: f64) -> Option<NavState> {
         let next = self.nodes.partition_point(|n| n.nominal.nav.time_s <= time_s);
@@ -174,12 +180,13 @@ impl Solution {
     pub(crate) fn fill_tie_residuals(&mut self, inputs: &Inputs) {
         let Some(first) = self.nodes.first() else { return };
         let origin = ecef_from_geodetic(&first.nominal.nav.geodetic);
+        let offset_s = self.clock_offset_s();
         for (t, tie) in inputs.ties.iter().enumerate() {
             let values: Vec<f64> = tie
                 .sightings
                 .iter()
                 .map(|s| {
-                    self.pose_at(inputs, s.time_s).map_or(f64::NAN, |nav| {
+                    self.pose_at(inputs, s.time_s + offset_s).map_or(f64::NAN, |nav| {
                         let nominal = Nominal { nav, parameters: first.nominal.parameters };
                         coordinates(&nominal, tie, s, &origin).0[0]
                     })
@@ -275,8 +282,12 @@ fn sigma_of(variance: &[f64; NAV], rotation: &[f64; 6], nav: &NavState) -> PoseS
     }
 }
 
-/// A trajectory of epochs, thinned to an interval.
-fn trajectory_of(epochs: impl Iterator<Item = EpochEstimate>, interval_s: f64) -> Result<Trajectory, TrajectoryError> {
+/// A trajectory of epochs, thinned to an interval, in GPS time.
+fn trajectory_of(
+    epochs: impl Iterator<Item = EpochEstimate>,
+    interval_s: f64,
+    clock_offset_s: f64,
+) -> Result<Trajectory, TrajectoryError> {
     let (mut time, mut position, mut attitude, mut velocity, mut sigma) = (vec![], vec![], vec![], vec![], vec![]);
     let mut next_s = f64::NEG_INFINITY;
     for epoch in epochs {
@@ -284,7 +295,7 @@ fn trajectory_of(epochs: impl Iterator<Item = EpochEstimate>, interval_s: f64) -
             continue;
         }
         next_s = epoch.nav.time_s + interval_s;
-        time.push(epoch.nav.time_s);
+        time.push(epoch.nav.time_s - clock_offset_s);
         position.push(epoch.nav.geodetic);
         attitude.push(epoch.nav.ned_from_body);
         velocity.push(epoch.nav.velocity_ned_mps);

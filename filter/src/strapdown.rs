@@ -161,9 +161,8 @@ pub fn advance(state: &mut NavState, increment: &Increment, locality: &mut Local
     let transport = locality.transport_rate_radps(&state.velocity_ned_mps);
 
     // velocity: rotation of the body within the step, sculling, rotation of the navigation frame by half the step
-    let force_body = increment.velocity_mps
-        + 0.5 * increment.angle_rad.cross(&increment.velocity_mps)
-        + increment.sculling_mps;
+    let force_body =
+        increment.velocity_mps + 0.5 * increment.angle_rad.cross(&increment.velocity_mps) + increment.sculling_mps;
     let from_body = *state.ned_from_body.to_rotation_matrix().matrix();
     let zeta = (earth + transport) * dt;
     let unturned = from_body * force_body;
@@ -173,8 +172,7 @@ pub fn advance(state: &mut NavState, increment: &Increment, locality: &mut Local
     let coriolis_rate = 2.0 * earth + transport;
     let first = gravity - coriolis_rate.cross(&state.velocity_ned_mps);
     let middle_velocity = state.velocity_ned_mps + 0.5 * (force_ned + first * dt);
-    let velocity =
-        state.velocity_ned_mps + force_ned + (gravity - coriolis_rate.cross(&middle_velocity)) * dt;
+    let velocity = state.velocity_ned_mps + force_ned + (gravity - coriolis_rate.cross(&middle_velocity)) * dt;
 
     // position by the mean velocity
     let mean = 0.5 * (state.velocity_ned_mps + velocity);

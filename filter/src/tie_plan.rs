@@ -32,8 +32,7 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
     let mut why_not: Vec<Option<&'static str>> = vec![None; ties.len()];
     let mut waiting: Vec<Live> = Vec::new();
     for (tie, t) in ties.iter().enumerate() {
-        let within: Vec<f64> =
-            t.sightings.iter().map(|s| s.time_s).filter(|s| *s > start_s && *s <= end_s).collect();
+        let within: Vec<f64> = t.sightings.iter().map(|s| s.time_s).filter(|s| *s > start_s && *s <= end_s).collect();
         let enough = if t.known_m.is_some() { 1 } else { 2 };
         if within.len() < enough || within.len() < t.sightings.len() {
             why_not[tie] = Some("beyond_trajectory");

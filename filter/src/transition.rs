@@ -12,7 +12,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::state::{ACCELEROMETER_BIAS, ACCELEROMETER_SCALE, ATTITUDE, CORE, GYRO_BIAS, GYRO_SCALE, NAV, POSITION, VELOCITY};
+use crate::state::{
+    ACCELEROMETER_BIAS, ACCELEROMETER_SCALE, ATTITUDE, CORE, GYRO_BIAS, GYRO_SCALE, NAV, POSITION, VELOCITY,
+};
 use crate::strapdown::{Increment, Locality, NavState, StepTrace};
 
 /// Sums over the steps of the mechanisation since the covariance was last moved.
@@ -125,11 +127,8 @@ fn rates_times_interval(sums: &StepSums, nav: &NavState, locality: &Locality) ->
         }
     };
     // position in metres of the moving frame: δlat = δn / rm, δlon cos = δe / rn; down is free
-    let position = Matrix3::new(
-        -v.z / rm, 0.0, v.x / rm,
-        v.y * tan / rm, -v.z / rn - v.x * tan / rm, v.y / rn,
-        0.0, 0.0, 0.0,
-    );
+    let position =
+        Matrix3::new(-v.z / rm, 0.0, v.x / rm, v.y * tan / rm, -v.z / rn - v.x * tan / rm, v.y / rn, 0.0, 0.0, 0.0);
     put(POSITION, POSITION, &position, t);
     put(POSITION, VELOCITY, &Matrix3::identity(), t);
 
@@ -137,15 +136,20 @@ fn rates_times_interval(sums: &StepSums, nav: &NavState, locality: &Locality) ->
     let earth_by_position = Matrix3::new(earth.z / rm, 0.0, 0.0, 0.0, 0.0, 0.0, -earth.x / rm, 0.0, 0.0);
     let transport_by_velocity = Matrix3::new(0.0, 1.0 / rn, 0.0, -1.0 / rm, 0.0, 0.0, 0.0, -tan / rn, 0.0);
     let transport_by_position = Matrix3::new(
-        0.0, 0.0, v.y / (rn * rn),
-        0.0, 0.0, -v.x / (rm * rm),
-        -v.y / (cos * cos * rm * rn), 0.0, -v.y * tan / (rn * rn),
+        0.0,
+        0.0,
+        v.y / (rn * rn),
+        0.0,
+        0.0,
+        -v.x / (rm * rm),
+        -v.y / (cos * cos * rm * rn),
+        0.0,
+        -v.y * tan / (rn * rn),
     );
     let gravity_by_position =
         Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * locality.gravity_mps2 / (rm * rn).sqrt());
     let v_cross = v.cross_matrix();
-    let velocity_by_position =
-        v_cross * (2.0 * earth_by_position + transport_by_position) + gravity_by_position;
+    let velocity_by_position = v_cross * (2.0 * earth_by_position + transport_by_position) + gravity_by_position;
     put(VELOCITY, POSITION, &velocity_by_position, t);
     let coriolis = (2.0 * earth + transport).cross_matrix();
     put(VELOCITY, VELOCITY, &(v_cross * transport_by_velocity - coriolis), t);

@@ -83,8 +83,7 @@ pub fn velocity(
     let p = &nominal.parameters;
     let swing = c * motion.rate_body_radps.cross(&p.gnss_lever_arm_m);
     let late_s = p.velocity_delay_s - event_delay_s;
-    let residual =
-        measured.ned_mps - nominal.nav.velocity_ned_mps - swing - motion.acceleration_ned_mps2 * late_s;
+    let residual = measured.ned_mps - nominal.nav.velocity_ned_mps - swing - motion.acceleration_ned_mps2 * late_s;
     let by_attitude = -swing.cross_matrix();
     let by_gyro = c * p.gnss_lever_arm_m.cross_matrix();
     let by_lever = c * motion.rate_body_radps.cross_matrix();

@@ -79,11 +79,7 @@ pub fn against_landmark(
     slots: &[usize],
     nominal_m: &[f64],
 ) -> Measurement {
-    let rows = rows
-        .iter()
-        .zip(slots)
-        .map(|(row, at)| row.iter().copied().chain([(*at, -1.0)]).collect())
-        .collect();
+    let rows = rows.iter().zip(slots).map(|(row, at)| row.iter().copied().chain([(*at, -1.0)]).collect()).collect();
     let residual = nominal_m.iter().zip(values_m).map(|(m, v)| m - v).collect();
     Measurement { residual, rows, noise: noise.to_vec() }
 }

@@ -49,10 +49,10 @@ pub(crate) fn backward(
         for operation in record.operations.iter().rev() {
             match operation {
                 Operation::Update(update) => adjoint.back_through_update(update),
-                Operation::Enter { at, row, states } => adjoint.back_through_entry(*at, row, *states),
+                Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }
-        adjoint.back_through_transition(&record.transition, base, record.states_before);
+        adjoint.back_through_transition(&record.transition, base);
     }
     nodes.reverse();
     Ok((nodes, largest))

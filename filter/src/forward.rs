@@ -145,12 +145,10 @@ impl Run<'_> {
     /// Closes a node: its record goes onto the tape.
     fn node(&mut self, tape: &mut Tape) -> Result<(), SmootherError> {
         let base = self.plan.layout.base;
-        let states = self.gaussian.len();
-        let (transition, states_before) = self.propagator.take_transition(states, &self.operations);
+        let transition = self.propagator.take_transition();
         let covariance_rows = (0..base).flat_map(|i| self.gaussian.row(i).iter().copied()).collect();
         let record = NodeRecord {
             transition,
-            states_before,
             operations: std::mem::take(&mut self.operations),
             mean: self.gaussian.mean().to_vec(),
             covariance_rows,
@@ -248,7 +246,7 @@ impl Run<'_> {
     /// A state enters; the record remembers.
     fn enter(&mut self, row: Vec<(usize, f64)>, variance: f64) -> Option<usize> {
         let at = self.gaussian.enter(&row, variance)?;
-        self.operations.push(Operation::Enter { at, row, states: self.gaussian.len() });
+        self.operations.push(Operation::Enter { at, row });
         Some(at)
     }
 

@@ -134,7 +134,7 @@ mod tests {
             [(1, 0.05, 3.841), (3, 0.01, 11.345), (3, 0.001, 16.266), (6, 0.05, 12.592)]
         {
             let limit = chi_squared_limit(degrees, probability);
-            assert!((limit / table - 1.0).abs() < 0.02, "{degrees} {probability}: {limit} and {table}");
+            assert!((limit / table - 1.0).abs() < 0.03, "{degrees} {probability}: {limit} and {table}");
         }
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! smoothed mean = x - P λ        smoothed covariance = P - P Λ P
-//! update:       λ ← (I - K H)ᵀ λ - Hᵀ S⁻¹ v        Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ S⁻¹ H
+//! update:       λ ← (I - K H)ᵀ λ - Hᵀ S⁻¹ v        Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ S⁻¹ H      (kept as a root)
 //! transition:   λ ← Φᵀ λ                            Λ ← Φᵀ Λ Φ
 //! ```
 //!
@@ -188,8 +188,8 @@ impl Gaussian {
                 self.covariance[i * capacity + j] = value;
                 self.covariance[j * capacity + i] = value;
             }
-            for j in NAV..n {
-                let value = out[j] * if j < base { transition.decay[j - NAV] } else { 1.0 };
+            for (j, o) in out.iter().enumerate().skip(NAV) {
+                let value = o * if j < base { transition.decay[j - NAV] } else { 1.0 };
                 self.covariance[i * capacity + j] = value;
                 self.covariance[j * capacity + i] = value;
             }
@@ -326,13 +326,16 @@ fn move_mean(mean: &mut [f64], transition: &Transition) {
     }
 }
 
-/// The adjoint of the backward pass: λ and Λ.
+/// The adjoint of the backward pass: λ, and Λ as a root `Λ = Gᵀ G` with as many rows as it takes.
+///
+/// The root is what makes it hold through outages: there `P` grows to many times the smoothed covariance, and `P Λ P` must
+/// agree with `P` to as many digits. Updates of Λ itself lose them by cancellation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjoint {
     capacity: usize,
     vector: Vec<f64>,
-    matrix: Vec<f64>,
-    scratch: Vec<f64>,
+    root: Vec<f64>,
+    rows: usize,
 }
 
 impl Adjoint {
@@ -340,205 +343,144 @@ impl Adjoint {
     #[must_use]
     pub fn new(base: usize, slots: usize) -> Self {
         let capacity = base + slots;
-        Self {
-            capacity,
-            vector: vec![0.0; capacity],
-            matrix: vec![0.0; capacity * capacity],
-            scratch: vec![0.0; CORE * capacity],
-        }
+        Self { capacity, vector: vec![0.0; capacity], root: Vec::new(), rows: 0 }
     }
 
-    /// λ of the first `n` states.
+    /// λ.
     #[must_use]
-    pub fn vector(&self, n: usize) -> &[f64] {
-        &self.vector[..n]
+    pub fn vector(&self) -> &[f64] {
+        &self.vector
     }
 
-    /// A row of Λ.
-    #[must_use]
-    pub fn row(&self, i: usize, n: usize) -> &[f64] {
-        &self.matrix[i * self.capacity..i * self.capacity + n]
+    /// The rows of the root over the first `n` states.
+    pub fn root_rows(&self, n: usize) -> impl Iterator<Item = &[f64]> {
+        self.root.chunks_exact(self.capacity).map(move |row| &row[..n])
     }
 
-    /// Back through an update.
+    /// Back through an update: `G ← [G (I - K H); S^-½ H]`.
     pub fn back_through_update(&mut self, record: &UpdateRecord) {
-        let (m, n) = (record.rows.len(), record.gain.first().map_or(0, Vec::len));
+        let m = record.rows.len();
         let mut pulls = vec![0.0; m]; // Kᵀ λ + S⁻¹ v
-        for a in 0..m {
-            let of_gain: f64 = record.gain[a].iter().zip(&self.vector).map(|(k, l)| k * l).sum();
-            let of_innovation: f64 = (0..m).map(|b| record.precision[a * m + b] * record.innovation[b]).sum();
-            pulls[a] = of_gain + of_innovation;
-        }
-        // U = Λ K, and Kᵀ Λ K + S⁻¹
-        let mut u = vec![vec![0.0; n]; m];
-        for (out, gain) in u.iter_mut().zip(&record.gain) {
-            for (k, g) in gain.iter().enumerate() {
-                if *g != 0.0 {
-                    let row = &self.matrix[k * self.capacity..k * self.capacity + n];
-                    for (o, r) in out.iter_mut().zip(row) {
-                        *o += g * r;
-                    }
-                }
-            }
-        }
-        let mut core = record.precision.clone();
-        for a in 0..m {
-            for b in 0..m {
-                core[a * m + b] += record.gain[a].iter().zip(&u[b]).map(|(k, v)| k * v).sum::<f64>();
-            }
+        for (a, (pull, gain)) in pulls.iter_mut().zip(&record.gain).enumerate() {
+            *pull = gain.iter().zip(&self.vector).map(|(k, l)| k * l).sum();
+            *pull += (0..m).map(|b| record.precision[a * m + b] * record.innovation[b]).sum::<f64>();
         }
         for (row, pull) in record.rows.iter().zip(&pulls) {
             for (k, factor) in row {
                 self.vector[*k] -= factor * pull;
             }
         }
-        for (a, row) in record.rows.iter().enumerate() {
+        for g in self.root.chunks_exact_mut(self.capacity) {
+            for (row, gain) in record.rows.iter().zip(&pulled(g, &record.gain)) {
+                for (k, factor) in row {
+                    g[*k] -= factor * gain;
+                }
+            }
+        }
+        for weights in upper_root(&record.precision, m) {
+            let start = self.root.len();
+            self.root.resize(start + self.capacity, 0.0);
+            for (w, row) in weights.iter().zip(&record.rows) {
+                for (k, factor) in row {
+                    self.root[start + k] += w * factor;
+                }
+            }
+            self.rows += 1;
+        }
+        let n = record.gain.first().map_or(0, Vec::len);
+        if self.rows >= 2 * n + 8 {
+            self.compress();
+        }
+    }
+
+    /// As few rows as there are states that the root looks at: the triangle of its QR decomposition.
+    fn compress(&mut self) {
+        let n = self.capacity;
+        let used: Vec<usize> = (0..n).filter(|k| self.root.chunks_exact(n).any(|row| row[*k] != 0.0)).collect();
+        let dense = nalgebra::DMatrix::from_fn(self.rows, used.len(), |i, j| self.root[i * n + used[j]]);
+        let triangle = dense.qr().unpack_r();
+        self.rows = triangle.nrows();
+        self.root = vec![0.0; self.rows * n];
+        for i in 0..self.rows {
+            for (j, k) in used.iter().enumerate() {
+                self.root[i * n + k] = triangle[(i, j)];
+            }
+        }
+    }
+
+    /// Back through the entry of a state at index `at`.
+    pub fn back_through_entry(&mut self, at: usize, row: &[(usize, f64)]) {
+        for v in std::iter::once(&mut self.vector[..]).chain(self.root.chunks_exact_mut(self.capacity)) {
+            let value = std::mem::take(&mut v[at]);
             for (k, factor) in row {
-                for (j, v) in u[a].iter().enumerate() {
-                    self.matrix[k * self.capacity + j] -= factor * v;
-                    self.matrix[j * self.capacity + k] -= factor * v;
-                }
-            }
-            for (b, other) in record.rows.iter().enumerate() {
-                for (k, fk) in row {
-                    for (l, fl) in other {
-                        self.matrix[k * self.capacity + l] += fk * core[a * m + b] * fl;
-                    }
-                }
+                v[*k] += factor * value;
             }
         }
     }
 
-    /// Back through the entry of a state at index `at`; `n` states afterwards.
-    pub fn back_through_entry(&mut self, at: usize, row: &[(usize, f64)], n: usize) {
-        let value = self.vector[at];
-        for (k, factor) in row {
-            self.vector[*k] += factor * value;
-        }
-        self.vector[at] = 0.0;
-        // Φᵀ Λ Φ with Φ the identity over the others and the new row
-        let column: Vec<f64> = self.row(at, n).to_vec();
-        for (k, fk) in row {
-            for j in 0..n {
-                if j != at {
-                    self.matrix[k * self.capacity + j] += fk * column[j];
-                    self.matrix[j * self.capacity + k] += fk * column[j];
-                }
-            }
-            for (l, fl) in row {
-                self.matrix[k * self.capacity + l] += fk * fl * column[at];
-            }
-        }
-        for j in 0..n {
-            self.matrix[at * self.capacity + j] = 0.0;
-            self.matrix[j * self.capacity + at] = 0.0;
-        }
-    }
-
-    /// Back through a transition; `n` states, of which `base` are not slots.
-    pub fn back_through_transition(&mut self, transition: &Transition, base: usize, n: usize) {
-        let capacity = self.capacity;
-        let mut moved = [0.0; CORE];
-        for (l, row) in self.vector.iter().zip(&transition.nav) {
-            for (o, factor) in moved.iter_mut().zip(row) {
-                *o += l * factor;
-            }
-        }
-        for i in NAV..base {
-            let rest = self.vector[i] * transition.decay[i - NAV];
-            self.vector[i] = rest + if i < CORE { moved[i] } else { 0.0 };
-        }
-        self.vector[..NAV].copy_from_slice(&moved[..NAV]);
-
-        // M = Φᵀ Λ: rows 0..CORE take from the nine, rows NAV.. also decay
-        let product = &mut self.scratch[..CORE * n];
-        product.fill(0.0);
-        for (k, row) in transition.nav.iter().enumerate() {
-            let from = &self.matrix[k * capacity..k * capacity + n];
-            for (i, factor) in row.iter().enumerate() {
-                if *factor != 0.0 {
-                    for (o, p) in product[i * n..(i + 1) * n].iter_mut().zip(from) {
-                        *o += factor * p;
-                    }
-                }
-            }
-        }
-        for i in NAV..base {
-            let d = transition.decay[i - NAV];
-            for p in &mut self.matrix[i * capacity..i * capacity + n] {
-                *p *= d;
-            }
-        }
-        for i in 0..CORE {
-            let row = &mut self.matrix[i * capacity..i * capacity + n];
-            let extra = &self.scratch[i * n..(i + 1) * n];
-            if i < NAV {
-                row.copy_from_slice(extra);
-            } else {
-                for (p, e) in row.iter_mut().zip(extra) {
-                    *p += e;
-                }
-            }
-        }
-        // M Φ: each row, columns 0..CORE take from the nine, columns NAV.. also decay
-        for i in 0..n {
-            let row = &mut self.matrix[i * capacity..i * capacity + n];
+    /// Back through a transition of the first `base` states.
+    pub fn back_through_transition(&mut self, transition: &Transition, base: usize) {
+        for v in std::iter::once(&mut self.vector[..]).chain(self.root.chunks_exact_mut(self.capacity)) {
             let mut moved = [0.0; CORE];
-            for (p, of_nav) in row.iter().zip(&transition.nav) {
-                if *p != 0.0 {
-                    for (o, factor) in moved.iter_mut().zip(of_nav) {
-                        *o += p * factor;
+            for (value, row) in v.iter().zip(&transition.nav) {
+                if *value != 0.0 {
+                    for (o, factor) in moved.iter_mut().zip(row) {
+                        *o += value * factor;
                     }
                 }
             }
-            for (j, d) in (NAV..base).zip(&transition.decay) {
-                row[j] *= d;
+            for (value, d) in v[NAV..base].iter_mut().zip(&transition.decay) {
+                *value *= d;
             }
-            row[..NAV].copy_from_slice(&moved[..NAV]);
-            for (p, o) in row[NAV..CORE].iter_mut().zip(&moved[NAV..]) {
-                *p += o;
-            }
-        }
-        self.make_symmetric(n);
-    }
-
-    /// Averages Λ with its transpose. Updates contract what is symmetric only: without this, what rounding leaves
-    /// antisymmetric would grow with the transitions without bound.
-    fn make_symmetric(&mut self, n: usize) {
-        for i in 0..n {
-            for j in i + 1..n {
-                let (a, b) = (i * self.capacity + j, j * self.capacity + i);
-                let mean = 0.5 * (self.matrix[a] + self.matrix[b]);
-                (self.matrix[a], self.matrix[b]) = (mean, mean);
+            v[..NAV].copy_from_slice(&moved[..NAV]);
+            for (value, o) in v[NAV..CORE].iter_mut().zip(&moved[NAV..]) {
+                *value += o;
             }
         }
     }
 }
 
-/// Smoothed errors and covariance of the first `wanted` states: `x - P λ` and `P - P Λ P`.
+/// `gᵀ K` of a row.
+fn pulled(g: &[f64], gain: &[Vec<f64>]) -> Vec<f64> {
+    gain.iter().map(|k| k.iter().zip(g).map(|(a, b)| a * b).sum()).collect()
+}
+
+/// Rows `W` with `Wᵀ W` a small positive definite matrix.
+fn upper_root(matrix: &[f64], m: usize) -> Vec<Vec<f64>> {
+    if m == 1 {
+        return vec![vec![matrix[0].max(0.0).sqrt()]];
+    }
+    let full = nalgebra::DMatrix::from_row_slice(m, m, matrix);
+    let Some(cholesky) = full.cholesky() else { return Vec::new() };
+    let l = cholesky.l();
+    (0..m).map(|i| (0..m).map(|j| l[(j, i)]).collect()).collect()
+}
+
+/// Smoothed errors and covariance of the first `wanted` states, `x - P λ` and `P - P Λ P`; `rows` are those of the
+/// covariance over `n` states, row-major.
 #[must_use]
 pub fn smoothed(rows: &[f64], mean: &[f64], n: usize, wanted: usize, adjoint: &Adjoint) -> (Vec<f64>, Vec<f64>) {
-    let mut product = vec![0.0; wanted * n]; // P Λ
-    let mut error = mean[..wanted].to_vec();
+    let row = |i: usize| &rows[i * n..(i + 1) * n];
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let error = (0..wanted).map(|i| mean[i] - dot(row(i), adjoint.vector())).collect();
+    let mut covariance = vec![0.0; wanted * wanted];
     for i in 0..wanted {
-        let row = &rows[i * n..(i + 1) * n];
-        let out = &mut product[i * n..(i + 1) * n];
-        for (k, p) in row.iter().enumerate() {
-            error[i] -= p * adjoint.vector[k];
-            if *p != 0.0 {
-                for (o, l) in out.iter_mut().zip(adjoint.row(k, n)) {
-                    *o += p * l;
-                }
+        covariance[i * wanted..(i + 1) * wanted].copy_from_slice(&row(i)[..wanted]);
+    }
+    let mut seen = vec![0.0; wanted];
+    for g in adjoint.root_rows(n) {
+        for (i, s) in seen.iter_mut().enumerate() {
+            *s = dot(row(i), g);
+        }
+        for i in 0..wanted {
+            for j in i..wanted {
+                covariance[i * wanted + j] -= seen[i] * seen[j];
             }
         }
     }
-    let mut covariance = vec![0.0; wanted * wanted];
     for i in 0..wanted {
-        for j in i..wanted {
-            let less: f64 = product[i * n..(i + 1) * n].iter().zip(&rows[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum();
-            let value = rows[i * n + j] - less;
-            covariance[i * wanted + j] = value;
-            covariance[j * wanted + i] = value;
+        for j in 0..i {
+            covariance[i * wanted + j] = covariance[j * wanted + i];
         }
     }
     (error, covariance)

@@ -7,7 +7,6 @@ use crate::kalman::Gaussian;
 use crate::options::{Options, Process};
 use crate::state::{ATTITUDE, Layout, NAV, Nominal, VELOCITY};
 use crate::strapdown::{Increment, Locality, advance, frame_rate_radps};
-use crate::tape::Operation;
 use crate::transition::{StepSums, Transition};
 use crate::update::Motion;
 
@@ -188,19 +187,8 @@ impl<'a> Propagator<'a> {
         self.unseen_s = 0.0;
     }
 
-    /// The transition since the last node, and the states there were before the operations.
-    pub(crate) fn take_transition(&mut self, states: usize, operations: &[Operation]) -> (Transition, usize) {
-        let transition = std::mem::replace(&mut self.transition, Transition::identity(self.layout.base));
-        let before = operations.first().map_or(states, |o| match o {
-            Operation::Update(update) => update.gain.first().map_or(states, Vec::len),
-            Operation::Enter { at, states, .. } => {
-                if *at + 1 == *states {
-                    states - 1
-                } else {
-                    *states
-                }
-            }
-        });
-        (transition, before)
+    /// The transition since the last node.
+    pub(crate) fn take_transition(&mut self) -> Transition {
+        std::mem::replace(&mut self.transition, Transition::identity(self.layout.base))
     }
 }

@@ -12,14 +12,12 @@ use crate::transition::Transition;
 pub enum Operation {
     /// A measurement was taken in.
     Update(UpdateRecord),
-    /// A state entered at index `at` as a combination of others; `states` there were afterwards.
+    /// A state entered at index `at` as a combination of others.
     Enter {
         /// Its index.
         at: usize,
         /// The combination.
         row: SparseRow,
-        /// States afterwards.
-        states: usize,
     },
 }
 
@@ -28,8 +26,6 @@ pub enum Operation {
 pub struct NodeRecord {
     /// Transition from the node before.
     pub transition: Transition,
-    /// States before the operations.
-    pub states_before: usize,
     /// Operations.
     pub operations: Vec<Operation>,
     /// Mean of the errors afterwards.
@@ -124,7 +120,7 @@ impl Tape {
 fn encode(record: &NodeRecord) -> Vec<f64> {
     let states = record.mean.len();
     let mut out = Vec::with_capacity(NAV * CORE + record.covariance_rows.len() + 64);
-    out.extend([states as f64, record.states_before as f64, record.operations.len() as f64]);
+    out.extend([states as f64, record.operations.len() as f64]);
     out.extend(record.transition.nav.iter().flatten());
     out.extend(&record.transition.decay);
     out.extend(&record.mean);
@@ -145,8 +141,8 @@ fn encode(record: &NodeRecord) -> Vec<f64> {
                 }
                 out.extend(update.gain.iter().flatten());
             }
-            Operation::Enter { at, row, states } => {
-                out.extend([1.0, *at as f64, *states as f64]);
+            Operation::Enter { at, row } => {
+                out.extend([1.0, *at as f64, 0.0]);
                 put_row(&mut out, row);
             }
         }
@@ -161,8 +157,8 @@ fn decode(numbers: &[f64], base: usize) -> NodeRecord {
         at += count;
         &numbers[at - count..at]
     };
-    let head = take(3).to_vec();
-    let (states, states_before, operations) = (head[0] as usize, head[1] as usize, head[2] as usize);
+    let head = take(2).to_vec();
+    let (states, operations) = (head[0] as usize, head[1] as usize);
     let mut transition = Transition::identity(base);
     for row in &mut transition.nav {
         row.copy_from_slice(take(CORE));
@@ -179,7 +175,7 @@ fn decode(numbers: &[f64], base: usize) -> NodeRecord {
             };
             let mut copy = |count: usize| take(count).to_vec();
             if head[0] > 0.5 {
-                Operation::Enter { at: head[1] as usize, states: head[2] as usize, row: row(&mut copy) }
+                Operation::Enter { at: head[1] as usize, row: row(&mut copy) }
             } else {
                 let (m, n) = (head[1] as usize, head[2] as usize);
                 let innovation = copy(m);
@@ -190,5 +186,5 @@ fn decode(numbers: &[f64], base: usize) -> NodeRecord {
             }
         })
         .collect();
-    NodeRecord { transition, states_before, operations, mean, covariance_rows }
+    NodeRecord { transition, operations, mean, covariance_rows }
 }

@@ -93,7 +93,6 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
     let mut records = Vec::new();
     for step in 0..=STEPS {
         let mut operations = Vec::new();
-        let states_before = g.len();
         if step > 0 {
             g.add_variances(&p.noise, 0.5);
             g.advance(&p.transitions[step - 1]);
@@ -110,7 +109,7 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
             if enters {
                 let variance = if form == Form::Landmark { sigma * sigma } else { 0.0 };
                 let at = g.enter(row, variance).expect("a slot");
-                operations.push(Operation::Enter { at, row: row.clone(), states: g.len() });
+                operations.push(Operation::Enter { at, row: row.clone() });
                 live[f].push((at, s));
             } else {
                 // row · x + value less that of the other sighting is noise, of both
@@ -132,21 +131,21 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
             }
         }
         let rows: Vec<f64> = (0..BASE).flat_map(|i| g.row(i).to_vec()).collect();
-        records.push((states_before, operations, g.mean().to_vec(), rows));
+        records.push((operations, g.mean().to_vec(), rows));
     }
     let mut adjoint = Adjoint::new(BASE, SLOTS);
     let mut out = Vec::new();
     for step in (0..=STEPS).rev() {
-        let (states_before, operations, mean, rows) = &records[step];
+        let (operations, mean, rows) = &records[step];
         out.push(smoothed(rows, mean, mean.len(), BASE, &adjoint));
         for operation in operations.iter().rev() {
             match operation {
                 Operation::Update(update) => adjoint.back_through_update(update),
-                Operation::Enter { at, row, states } => adjoint.back_through_entry(*at, row, *states),
+                Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }
         if step > 0 {
-            adjoint.back_through_transition(&p.transitions[step - 1], BASE, *states_before);
+            adjoint.back_through_transition(&p.transitions[step - 1], BASE);
         }
     }
     out.reverse();

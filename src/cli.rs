@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::stage::navigate::Mask;
+
 /// Laser-scanning strip adjustment: finds ties, solves for errors with honest sigmas, corrects the strips
 #[derive(Debug, Parser)]
 #[command(name = "tieline", version, max_term_width = 110, arg_required_else_help = true)]
@@ -64,8 +66,15 @@ pub enum Command {
     },
     /// Find the ties
     Match(JobArgs),
-    /// Solve for the errors; needs `match`
-    Solve(JobArgs),
+    /// Solve for the errors of strips (needs `match`); with [imu] in the project: estimate the trajectory
+    Solve {
+        /// The job
+        #[command(flatten)]
+        job: JobArgs,
+        /// Leave GNSS out of windows: fixes after T0 and not after T0 + LEN [GPS seconds of week], comma separated
+        #[arg(long, value_name = "T0:LEN", value_delimiter = ',')]
+        mask_gnss: Vec<Mask>,
+    },
     /// Write corrected strips; needs `solve`. With --from and --to: apply the difference of two trajectories
     Correct(CorrectArgs),
     /// Write the report anew; needs `solve`

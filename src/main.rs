@@ -69,7 +69,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run { job, overwrite } => project::run(job, *overwrite, common, &mut out),
         Command::Match(job) => project::match_only(job, common, &mut out),
-        Command::Solve(job) => project::solve_only(job, common, &mut out),
+        Command::Solve { job, mask_gnss } => project::solve_only(job, mask_gnss, common, &mut out),
         Command::Report(job) => project::report_only(job, common, &mut out),
         Command::Correct(args) if args.from.is_some() => difference::correct(args, common, &mut out),
         Command::Correct(args) => project::correct(args, common, &mut out),

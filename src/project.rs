@@ -1,9 +1,13 @@
-//! The project file: what a job is, in TOML. Keys are public; every one has a default but the strips' paths.
+//! The project file: what a job is, in TOML. Keys are public; every one has a default but the paths.
+
+pub mod measurements;
 
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tieline_graph::CalibrationTerms;
+
+use measurements::{GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, VehicleSection};
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -12,8 +16,22 @@ pub struct Project {
     /// Name, reference system and time.
     #[serde(default)]
     pub project: ProjectSection,
-    /// Where the strips are.
+    /// Where the strips are; may be left out where a trajectory is estimated only.
+    #[serde(default)]
     pub strips: Vec<StripsSection>,
+    /// Inertial measurements: with them `solve` estimates the trajectory.
+    pub imu: Option<ImuSection>,
+    /// GNSS fixes.
+    pub gnss: Option<GnssSection>,
+    /// Odometer.
+    pub odometer: Option<OdometerSection>,
+    /// A vehicle on wheels.
+    pub vehicle: Option<VehicleSection>,
+    /// Known points of the platform.
+    #[serde(default)]
+    pub points: Vec<PointsSection>,
+    /// Where the trajectory begins.
+    pub initial: Option<InitialSection>,
     /// The trajectory; rebuilt from multi-return pulses when left out.
     pub trajectory: Option<TrajectorySection>,
     /// Mounting of the scanners.
@@ -463,7 +481,20 @@ fn check(project: &Project) -> Result<(), ProjectError> {
     let wrong = |key: &str, value: String, remedy: &str| {
         Err(ProjectError::Value { key: key.to_string(), value, remedy: remedy.to_string() })
     };
-    if project.strips.is_empty() {
+    if project.imu.is_none() {
+        for (key, given) in [
+            ("gnss", project.gnss.is_some()),
+            ("odometer", project.odometer.is_some()),
+            ("vehicle", project.vehicle.is_some()),
+            ("points", !project.points.is_empty()),
+            ("initial", project.initial.is_some()),
+        ] {
+            if given {
+                return wrong(key, String::from("given"), "it needs [imu] beside it");
+            }
+        }
+    }
+    if project.strips.is_empty() && project.imu.is_none() {
         return wrong("strips", String::from("[]"), "name at least one file or pattern under [[strips]]");
     }
     let positive = [
@@ -479,6 +510,14 @@ fn check(project: &Project) -> Result<(), ProjectError> {
         ("calibrate.lever_arm_sigma_m", Some(project.calibrate.lever_arm_sigma_m)),
         ("calibrate.range_offset_sigma_m", Some(project.calibrate.range_offset_sigma_m)),
         ("calibrate.range_scale_sigma_ppm", Some(project.calibrate.range_scale_sigma_ppm)),
+        ("gnss.sigma_factor", project.gnss.as_ref().and_then(|g| g.sigma_factor)),
+        ("gnss.least_sigma_m", project.gnss.as_ref().and_then(|g| g.least_sigma_m)),
+        ("gnss.correlation_s", project.gnss.as_ref().and_then(|g| g.correlation_s)),
+        ("odometer.noise_mps", project.odometer.as_ref().map(|o| o.noise_mps)),
+        ("vehicle.slip_correlation_s", project.vehicle.as_ref().and_then(|v| v.slip_correlation_s)),
+        ("imu.correlation_h", project.imu.as_ref().and_then(|i| i.correlation_h)),
+        ("imu.angle_random_walk_deg_rth", project.imu.as_ref().and_then(|i| i.angle_random_walk_deg_rth)),
+        ("imu.velocity_random_walk_mps_rth", project.imu.as_ref().and_then(|i| i.velocity_random_walk_mps_rth)),
         ("trajectory.position_sigma_m", project.trajectory.as_ref().and_then(|t| t.position_sigma_m)),
         ("trajectory.attitude_sigma_deg", project.trajectory.as_ref().and_then(|t| t.attitude_sigma_deg)),
     ];

@@ -198,6 +198,13 @@ impl Nominal {
         }
     }
 
+    /// The parameters in the order of the states, from the gyro biases on.
+    #[must_use]
+    pub fn parameter_values(&self, layout: &Layout) -> Vec<f64> {
+        let zero = Self { parameters: Parameters::default(), ..*self };
+        self.minus(&zero, layout).split_off(NAV)
+    }
+
     /// Lets the parameters decay by the factors of the states from the gyro biases on.
     pub fn decay(&mut self, layout: &Layout, factors: &[f64]) {
         let three = |at: usize| Vector3::new(factors[at - NAV], factors[at - NAV + 1], factors[at - NAV + 2]);

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`las`] | LAS 1.0–1.4, LAZ, COPC (read): streaming, chunk-parallel, every byte of a record kept |
 //! | [`trajectory`] | SBET, SMRMSG, TerraScan `.trj`, text with a column pattern |
+//! | [`measurements`] | inertial measurements, GNSS, odometer, known points |
 //! | [`crs`] | coordinate reference systems: geographic, projected, local |
 //! | [`ties`] | `ties.parquet` and `ties.csv` |
 //! | [`correction`] | `correction.csv` |
@@ -11,7 +12,9 @@
 
 pub mod correction;
 pub mod crs;
+mod delimited;
 pub mod las;
+pub mod measurements;
 pub mod output;
 pub mod ties;
 pub mod trajectory;

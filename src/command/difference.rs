@@ -81,6 +81,12 @@ fn project_of(args: &CorrectArgs) -> Project {
         fixed: false,
     };
     Project {
+        imu: None,
+        gnss: None,
+        odometer: None,
+        vehicle: None,
+        points: Vec::new(),
+        initial: None,
         project: ProjectSection { crs: args.crs.clone(), week: args.week, ..ProjectSection::default() },
         strips: args.inputs.iter().map(section).collect(),
         trajectory: None,

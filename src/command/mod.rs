@@ -3,6 +3,7 @@
 pub mod convert;
 pub mod difference;
 pub mod info;
+pub mod navigate;
 pub mod project;
 pub mod simulate;
 pub mod trajectory;

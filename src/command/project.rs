@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use tieline_graph::Model;
 
 use crate::cli::{Common, CorrectArgs, JobArgs};
+use crate::command::navigate;
 use crate::job::{Clock, JobOptions, Matched, correct_strips, match_strips, setup_of, solve_strips};
 use crate::memory::peak_bytes;
 use crate::outputs::{write_calibration, write_corrections, write_ties};
@@ -14,6 +15,7 @@ use crate::progress::Progress;
 use crate::project::Project;
 use crate::report::data::{Summary, TiePoint};
 use crate::report::{three_lines, write_all};
+use crate::stage::navigate::Mask;
 use crate::stage::solve::{Setup, Solution};
 use crate::state::{StoredPoint, load_match, load_solve, save_match, save_solve};
 use crate::summary::summarise;
@@ -47,6 +49,9 @@ pub fn run(args: &JobArgs, overwrite: bool, common: &Common, out: &mut impl Writ
         bail!("the output folder {} is not empty: name another with --out, or give --overwrite", options.out.display());
     }
     let project = Project::load(&args.project)?;
+    if project.strips.is_empty() {
+        return navigate::solve(&project, args, &[], common, out);
+    }
     let mut clock = Clock::default();
     let matched = match_strips(&project, &options, &mut clock)?;
     tell(common, || notes_of(&matched));
@@ -181,9 +186,15 @@ pub fn match_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Resu
 ///
 /// # Errors
 /// As the stage; when `match` was not run.
-pub fn solve_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Result<()> {
+pub fn solve_only(args: &JobArgs, masks: &[Mask], common: &Common, out: &mut impl Write) -> Result<()> {
     let options = options(args, common);
     let project = Project::load(&args.project)?;
+    if project.imu.is_some() {
+        return navigate::solve(&project, args, masks, common, out);
+    }
+    if !masks.is_empty() {
+        bail!("--mask-gnss is for projects with [imu] and [gnss]; this one has no [imu]");
+    }
     let matched = load_match(&project, &options.out)?;
     let mut clock = Clock::default();
     let solution = solve_strips(&project, &matched, &mut clock)?;

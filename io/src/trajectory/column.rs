@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use super::error::TrajectoryFileError;
+use crate::delimited::plain_name;
 
 /// The quantities a column can hold; the discriminant is the place of its value in a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,7 +121,7 @@ pub(super) struct Column {
 impl Column {
     /// The column of a name; `None` when it means nothing.
     pub(super) fn parse(name: &str) -> Option<Self> {
-        let plain = normalise(name);
+        let plain = plain_name(name);
         let column = |quantity, factor, offset| Self {
             name: name.trim().trim_matches('"').to_string(),
             quantity,
@@ -158,23 +159,6 @@ impl Column {
     pub(super) fn is_angle(&self) -> bool {
         NAMES.iter().any(|entry| entry.1 == self.quantity && entry.2 == Dimension::Angle)
     }
-}
-
-/// Lower case, without quotes, the unit set off by an underscore.
-fn normalise(name: &str) -> String {
-    let mut plain = String::new();
-    for c in name.trim().trim_matches(['"', '\'', '#', '%', ' ']).chars() {
-        match c {
-            '[' | '(' | '{' | ' ' | '_' | '-' | '.' => {
-                if !plain.is_empty() && !plain.ends_with('_') {
-                    plain.push('_');
-                }
-            }
-            ']' | ')' | '}' => {}
-            _ => plain.extend(c.to_lowercase()),
-        }
-    }
-    plain.trim_end_matches('_').to_string()
 }
 
 /// Factor to metres, radians, seconds, metres per second.

@@ -18,7 +18,7 @@ use super::sbet::need_frame;
 use crate::output::WholeFile;
 
 /// Writes a geodetic trajectory on the survey clock as `trajectory.csv`, whole or not at all. While the clock does
-/// not know its week, `gps_week` stays empty and times past the week's end stay as they are.
+/// not know its week, `gps_week` is 0 and times past the week's end stay as they are.
 ///
 /// # Errors
 /// [`TrajectoryFileError::WrongFrame`] for map positions; [`TrajectoryFileError::Io`] when the disk refuses.
@@ -39,7 +39,7 @@ fn rows(out: &mut impl Write, trajectory: &Trajectory, clock: &SurveyClock) -> i
     for (index, &time_s) in trajectory.time_s().iter().enumerate() {
         match clock.gps_time(time_s) {
             Some(time) => write!(out, "{},{}", time.week, time.seconds_of_week)?,
-            None => write!(out, ",{time_s}")?,
+            None => write!(out, "0,{time_s}")?,
         }
         let position = trajectory.position()[index];
         write!(out, ",{},{},{}", position.x.to_degrees(), position.y.to_degrees(), position.z)?;

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use tieline_filter::{PositionFrame, TrajectoryError};
 
+use crate::delimited::LineError;
+
 /// Where in a file something was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
@@ -285,5 +287,14 @@ impl TrajectoryFileError {
     pub(super) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::Io { path, source }
+    }
+}
+
+impl From<LineError> for TrajectoryFileError {
+    fn from(error: LineError) -> Self {
+        match error {
+            LineError::Io { path, source, .. } => Self::Io { path, source },
+            LineError::TooLong { path, line, limit } => Self::LineTooLong { path, line, limit },
+        }
     }
 }

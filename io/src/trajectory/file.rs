@@ -9,6 +9,7 @@ use tieline_filter::{TimeEncoding, Trajectory};
 use super::error::TrajectoryFileError;
 use super::{sbet, smrmsg, text, trj};
 use crate::crs::{Crs, CrsError};
+use crate::delimited::is_text;
 
 /// The formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -115,16 +116,4 @@ fn recognise(path: &Path) -> Result<TrajectoryFormat, TrajectoryFileError> {
         let found = format!("{length} bytes, not a multiple of {}", sbet::RECORD_BYTES);
         Err(TrajectoryFileError::UnknownFormat { path: path.to_path_buf(), found })
     }
-}
-
-/// UTF-8 without control characters; a character cut at the end is allowed.
-fn is_text(head: &[u8]) -> bool {
-    let valid = match std::str::from_utf8(head) {
-        Ok(text) => text,
-        Err(error) if error.error_len().is_none() => {
-            std::str::from_utf8(&head[..error.valid_up_to()]).unwrap_or_default()
-        }
-        Err(_) => return false,
-    };
-    !valid.is_empty() && valid.chars().all(|c| matches!(c, '\t' | '\n' | '\r') || !c.is_control())
 }

@@ -30,6 +30,7 @@ pub mod trj;
 pub use csv::write_csv;
 pub use error::{Place, TrajectoryFileError};
 pub use file::{HeadingReference, ReadOptions, TrajectoryFile, TrajectoryFormat, read};
+pub(crate) use records::{LATEST_ADJUSTED_S, LONGEST_WEEK_TIME_S};
 pub use sbet::write_sbet;
 pub use smrmsg::write_smrmsg;
 pub use trj::write_trj;

@@ -10,9 +10,9 @@ use tieline_filter::{PoseSigma, PositionFrame, TimeEncoding, Trajectory, ned_fro
 use super::error::{Place, TrajectoryFileError};
 
 /// Above this, a time \[s\] is adjusted standard time and no longer seconds of some week: 115 days.
-const LONGEST_WEEK_TIME_S: f64 = 1.0e7;
+pub(crate) const LONGEST_WEEK_TIME_S: f64 = 1.0e7;
 /// GPS seconds minus 10⁹ stay below this until the year 2043.
-const LATEST_ADJUSTED_S: f64 = 1.0e9;
+pub(crate) const LATEST_ADJUSTED_S: f64 = 1.0e9;
 
 /// One epoch of a file, angles in radians.
 #[derive(Debug, Clone, Copy)]

@@ -14,7 +14,6 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
-use flate2::bufread::MultiGzDecoder;
 use nalgebra::Vector3;
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{PoseSigma, PositionFrame};
@@ -23,15 +22,13 @@ use super::column::{Column, EXAMPLE, QUANTITIES, Quantity};
 use super::error::{Place, TrajectoryFileError};
 use super::file::{HeadingReference, TrajectoryFile, TrajectoryFormat};
 use super::records::{Epoch, Records};
+use crate::delimited::{Lines, unpacked};
 
 mod header;
-mod lines;
 
 use header::Layout;
-use lines::Lines;
 
-/// First bytes of a gzipped file.
-pub const GZIP_MAGIC: &[u8] = &[0x1f, 0x8b];
+pub use crate::delimited::GZIP_MAGIC;
 
 /// Reads a text trajectory; `columns` from the project file, or `None` to go by the header.
 ///
@@ -51,12 +48,8 @@ pub fn read_from<R: BufRead>(
     columns: Option<&[String]>,
 ) -> Result<TrajectoryFile, TrajectoryFileError> {
     let lines = || -> Result<Lines, TrajectoryFileError> {
-        let mut source = open().map_err(TrajectoryFileError::io(path))?;
-        let gzipped = source.fill_buf().map_err(TrajectoryFileError::io(path))?.starts_with(GZIP_MAGIC);
-        Ok(match gzipped {
-            true => Lines::new(Box::new(BufReader::new(MultiGzDecoder::new(source))), path),
-            false => Lines::new(Box::new(source), path),
-        })
+        let source = open().and_then(unpacked).map_err(TrajectoryFileError::io(path))?;
+        Ok(Lines::new(source, path))
     };
     let mut layout = header::find(&mut lines()?, path, columns)?;
     layout.settle_units(&mut lines()?, path)?;
@@ -78,7 +71,8 @@ fn read_rows(lines: &mut Lines<'_>, path: &Path, layout: Layout) -> Result<Traje
         let mut epoch = layout.epoch(&row);
         if layout.has(Quantity::Week) {
             let week = row[Quantity::Week as usize];
-            if week.is_finite() {
+            // week 0 stands for a week that is not known
+            if week.is_finite() && week != 0.0 {
                 if !(0.0..=10_000.0).contains(&week) || week.fract() != 0.0 {
                     let (path, column, expected) = (path.to_path_buf(), "gps_week", "a whole number up to 10000");
                     return Err(TrajectoryFileError::Absurd { path, place, column, value: week, expected });

@@ -22,3 +22,21 @@ pub(crate) fn mistakes() -> Result<Vec<Row>> {
     let good = succeeds(&["test", "--quiet", "--release", "--test", "bad_input"])?;
     Ok(vec![Row::at_most("mistakes without a readable message", f64::from(u8::from(!good)), 0.0, "")])
 }
+
+/// The mechanisation and the Jacobians.
+pub(crate) fn mechanisation() -> Result<Vec<Row>> {
+    let good = succeeds(&["test", "--quiet", "--release", "-p", "tieline-simulate", "--test", "navigation"])?;
+    Ok(vec![Row::at_most("mechanisation and Jacobians: tests that fail", f64::from(u8::from(!good)), 0.0, "")])
+}
+
+/// The bench of the smoother prints its own figures.
+pub(crate) fn smoother_speed() -> Result<Vec<Row>> {
+    let good = succeeds(&["bench", "--quiet", "--bench", "smoother"])?;
+    Ok(vec![Row::at_most("smoother bench: lines beyond their bound", f64::from(u8::from(!good)), 0.0, "")])
+}
+
+/// Each mistake with navigation data has a test.
+pub(crate) fn navigation_mistakes() -> Result<Vec<Row>> {
+    let good = succeeds(&["test", "--quiet", "--release", "--test", "bad_navigation"])?;
+    Ok(vec![Row::at_most("mistakes without a readable message", f64::from(u8::from(!good)), 0.0, "")])
+}

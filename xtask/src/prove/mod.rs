@@ -1,6 +1,7 @@
-//! The proofs of the strips issue.
+//! The proofs: strips and filter.
 
 mod commands;
+mod filter;
 mod real;
 mod same;
 mod statistics;
@@ -34,7 +35,7 @@ impl Row {
 
 type Proof = fn() -> anyhow::Result<Vec<Row>>;
 
-/// Runs the proofs of the strips issue.
+/// Runs the proofs on strips.
 pub(crate) fn strips(only: Option<&str>) -> anyhow::Result<()> {
     let proofs: [(&str, Proof); 7] = [
         ("1 zurich", real::zurich),
@@ -45,6 +46,23 @@ pub(crate) fn strips(only: Option<&str>) -> anyhow::Result<()> {
         ("6 same bytes, nothing lost, and back", same::rows),
         ("7 mistakes a person makes", commands::mistakes),
     ];
+    run(&proofs, only)
+}
+
+/// Runs the proofs on the smoother.
+pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
+    let proofs: [(&str, Proof); 6] = [
+        ("1 mechanisation", commands::mechanisation),
+        ("2 whu-sim27", filter::whole),
+        ("3 outages", filter::outages),
+        ("4 a real car", filter::car),
+        ("8 speed", commands::smoother_speed),
+        ("9 mistakes a person makes", commands::navigation_mistakes),
+    ];
+    run(&proofs, only)
+}
+
+fn run(proofs: &[(&str, Proof)], only: Option<&str>) -> anyhow::Result<()> {
     let mut failed = 0;
     for (name, proof) in proofs {
         if only.is_some_and(|o| !name.starts_with(o)) {

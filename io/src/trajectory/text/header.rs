@@ -4,8 +4,8 @@ use std::path::Path;
 
 use tieline_filter::PositionFrame;
 
-use super::lines::{Delimiter, Line, Lines};
 use super::{Column, EXAMPLE, HeadingReference, QUANTITIES, Quantity, Row, TrajectoryFileError};
+use crate::delimited::{Delimiter, Line, Lines};
 
 /// A header is over by this line, or it is none.
 const LONGEST_HEADER: usize = 500;

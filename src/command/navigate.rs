@@ -1,0 +1,228 @@
+//! `solve` and `run` of a project with `[imu]`: the trajectory, and everything that was learnt on the way.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use tieline_filter::innovation::MeasurementKind;
+use tieline_filter::{Inputs, PoseSigma, Solution, SurveyClock, Trajectory};
+use tieline_io::output::WholeFile;
+use tieline_io::trajectory::{write_csv, write_sbet, write_smrmsg};
+
+use crate::cli::{Common, JobArgs};
+use crate::command::project::out_folder;
+use crate::memory::peak_bytes;
+use crate::project::Project;
+use crate::stage::navigate::{Mask, load, navigate};
+
+/// Estimates the trajectory and writes it.
+///
+/// # Errors
+/// Whatever is wrong with a file, the alignment or the solution.
+pub fn solve(project: &Project, args: &JobArgs, masks: &[Mask], common: &Common, out: &mut impl Write) -> Result<()> {
+    let folder = out_folder(&args.project, args.out.as_ref());
+    let start = Instant::now();
+    let measurements = load(project, masks)?;
+    let read_s = start.elapsed().as_secs_f64();
+    let solution = navigate(project, &measurements, args.memory.max(16) << 20)?;
+    let solve_s = start.elapsed().as_secs_f64() - read_s;
+    let (inputs, clock) = (&measurements.inputs, &measurements.clock);
+    let smoothed = solution.trajectory(inputs, 0.0)?;
+    let filtered = solution.filter_trajectory(inputs, 0.0)?;
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("the output folder {} cannot be created", folder.display()))?;
+    write_csv(&folder.join("trajectory.csv"), &smoothed, clock)?;
+    write_csv(&folder.join("forward.csv"), &filtered, clock)?;
+    write_sbet(&folder.join("trajectory.sbet"), &smoothed)?;
+    write_smrmsg(&folder.join("trajectory_rms.out"), &smoothed)?;
+    whole(&folder.join("innovations.csv"), |w| innovations(w, &solution, clock))?;
+    whole(&folder.join("states.csv"), |w| states(w, &solution, clock))?;
+    let write_s = start.elapsed().as_secs_f64() - read_s - solve_s;
+    let mut notes = measurements.notes.clone();
+    notes.extend(solution.notes.iter().cloned());
+    let value = summary(
+        project,
+        &solution,
+        inputs,
+        &smoothed,
+        &notes,
+        &[("read", read_s), ("solve", solve_s), ("write", write_s)],
+    );
+    whole(&folder.join("summary.json"), |w| writeln!(w, "{value:#}"))?;
+    if common.json {
+        writeln!(out, "{value:#}")?;
+    } else if !common.quiet {
+        for note in &notes {
+            tracing::info!("{note}");
+        }
+        tell(out, &solution, &smoothed)?;
+        writeln!(out, "Trajectory: {}", folder.join("trajectory.csv").display())?;
+    }
+    Ok(())
+}
+
+/// Writes a file whole or not at all.
+fn whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
+    let context = || format!("{} cannot be written", path.display());
+    let mut file = WholeFile::create(path).with_context(context)?;
+    write(file.writer()).with_context(context)?;
+    file.finish().with_context(context)
+}
+
+/// A few lines for a person.
+fn tell(out: &mut impl Write, solution: &Solution, smoothed: &Trajectory) -> Result<()> {
+    let (from_s, to_s) = smoothed.span_s();
+    writeln!(
+        out,
+        "{} epochs over {:.0} s, {} rests, {} runs (last change {:.3} sigma)",
+        smoothed.len(),
+        to_s - from_s,
+        solution.rests.len(),
+        solution.runs,
+        solution.change
+    )?;
+    let rms = |of: fn(&PoseSigma) -> [f64; 3]| root_mean_square(smoothed.sigma().iter().map(of));
+    let [n, e, d] = rms(|s| s.position_ned_m.into());
+    let [roll, pitch, heading] = rms(|s| s.attitude_rph_rad.into()).map(f64::to_degrees);
+    writeln!(
+        out,
+        "sigma: north {n:.3} m, east {e:.3} m, down {d:.3} m, roll {roll:.4}°, pitch {pitch:.4}°, heading {heading:.4}° (rms)"
+    )?;
+    Ok(())
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn root_mean_square(values: impl Iterator<Item = [f64; 3]>) -> [f64; 3] {
+    let (mut sum, mut count) = ([0.0; 3], 0_usize);
+    for value in values {
+        for (s, v) in sum.iter_mut().zip(value) {
+            *s += v * v;
+        }
+        count += 1;
+    }
+    sum.map(|s| (s / count.max(1) as f64).sqrt())
+}
+
+/// GPS seconds of week of a survey time.
+fn second_of_week(clock: &SurveyClock, time_s: f64) -> f64 {
+    clock.gps_time(time_s).map_or(time_s, |t| t.seconds_of_week)
+}
+
+/// `innovations.csv`: what each measurement said against what was expected of it.
+fn innovations(out: &mut dyn Write, solution: &Solution, clock: &SurveyClock) -> std::io::Result<()> {
+    writeln!(out, "gps_time_s,kind,component,value,normalised,nis,weight")?;
+    let offset_s = solution.clock_offset_s();
+    for i in &solution.innovations {
+        let time_s = second_of_week(clock, i.time_s - offset_s);
+        for (component, (value, normalised)) in i.value.iter().zip(&i.normalised).enumerate() {
+            let kind = i.kind.as_str();
+            writeln!(out, "{time_s:.4},{kind},{component},{value:e},{normalised:.4},{:.4},{:.4}", i.squared, i.weight)?;
+        }
+    }
+    Ok(())
+}
+
+/// `states.csv`: biases, scale errors and the other parameters over time, with their standard deviations.
+fn states(out: &mut dyn Write, solution: &Solution, clock: &SurveyClock) -> std::io::Result<()> {
+    let names: Vec<String> = solution.layout.names().split_off(9);
+    let column = |name: &String| name.replace([' ', ','], "_").replace(['[', ']'], "");
+    write!(out, "gps_time_s")?;
+    for name in &names {
+        write!(out, ",{}", column(name))?;
+    }
+    for name in &names {
+        write!(out, ",sigma_{}", column(name))?;
+    }
+    writeln!(out)?;
+    let offset_s = solution.clock_offset_s();
+    let mut next_s = f64::NEG_INFINITY;
+    for node in &solution.nodes {
+        if node.nominal.nav.time_s < next_s {
+            continue;
+        }
+        next_s = node.nominal.nav.time_s + 1.0;
+        write!(out, "{:.3}", second_of_week(clock, node.nominal.nav.time_s - offset_s))?;
+        for value in node.nominal.parameter_values(&solution.layout) {
+            write!(out, ",{value:e}")?;
+        }
+        for sigma in &node.parameter_sigma {
+            write!(out, ",{sigma:e}")?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+/// The machine's view.
+fn summary(
+    project: &Project,
+    solution: &Solution,
+    inputs: &Inputs,
+    smoothed: &Trajectory,
+    notes: &[String],
+    timing: &[(&str, f64)],
+) -> serde_json::Value {
+    let mut kinds: BTreeMap<&str, (usize, usize, usize, f64, f64)> = BTreeMap::new();
+    for i in &solution.innovations {
+        let entry = kinds.entry(i.kind.as_str()).or_default();
+        entry.0 += 1;
+        entry.1 += usize::from(i.weight > 0.0 && i.weight < 1.0);
+        entry.2 += usize::from(i.weight <= 0.0);
+        entry.3 += i.squared / i.value.len().max(1) as f64;
+        entry.4 += i.normalised[0];
+    }
+    let innovations: serde_json::Map<String, serde_json::Value> = kinds
+        .into_iter()
+        .map(|(kind, (count, down_weighted, left_out, nis, mean))| {
+            let n = count.max(1) as f64;
+            let value = serde_json::json!({
+                "count": count, "down_weighted": down_weighted, "left_out": left_out,
+                "mean_nis_per_component": nis / n, "mean_normalised": mean / n,
+            });
+            (kind.to_string(), value)
+        })
+        .collect();
+    let last = solution.nodes.last();
+    let states: serde_json::Map<String, serde_json::Value> = last
+        .map(|node| {
+            let names = solution.layout.names().split_off(9);
+            let values = node.nominal.parameter_values(&solution.layout);
+            let pairs = values.iter().zip(&node.parameter_sigma);
+            names
+                .into_iter()
+                .zip(pairs)
+                .map(|(name, (value, sigma))| (name, serde_json::json!({ "value": value, "sigma": sigma })))
+                .collect()
+        })
+        .unwrap_or_default();
+    let position = root_mean_square(smoothed.sigma().iter().map(|s| s.position_ned_m.into()));
+    let attitude = root_mean_square(smoothed.sigma().iter().map(|s| s.attitude_rph_rad.into())).map(f64::to_degrees);
+    let (from_s, to_s) = smoothed.span_s();
+    let rejected =
+        |kind: MeasurementKind| solution.innovations.iter().filter(|i| i.kind == kind && i.weight <= 0.0).count();
+    let stages: serde_json::Map<String, serde_json::Value> =
+        timing.iter().map(|(k, v)| ((*k).to_string(), serde_json::json!(v))).collect();
+    serde_json::json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "name": project.name(),
+        "inputs": {
+            "imu_samples": inputs.imu.samples().len(), "imu_interval_s": inputs.imu.interval_s(),
+            "gnss_fixes": inputs.gnss.len(), "odometer_readings": inputs.odometer.len(),
+            "known_points": inputs.points.len(), "ties": inputs.ties.len(),
+        },
+        "trajectory": {
+            "epochs": smoothed.len(), "from_s": from_s, "to_s": to_s, "runs": solution.runs,
+            "last_change_sigma": if solution.change.is_finite() { solution.change } else { -1.0 },
+            "sigma_position_ned_m": position, "sigma_roll_pitch_heading_deg": attitude,
+            "clock_offset_s": solution.clock_offset_s(),
+            "rests_s": solution.rests.iter().map(|r| [r.start_s, r.end_s]).collect::<Vec<_>>(),
+            "gnss_left_out": rejected(MeasurementKind::Position),
+            "innovations": innovations, "states": states,
+        },
+        "notes": notes,
+        "timing": { "stage": stages },
+        "peak_memory_bytes": peak_bytes(),
+    })
+}

@@ -22,6 +22,7 @@
 //! | [`truth`] | what is wrong with the delivered survey |
 //! | [`survey`] | echoes: true and delivered point, block by block, the same for any number of threads |
 //! | [`output`] | the files |
+//! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
 //! No estimator depends on this crate: truth cannot leak.
 //!
@@ -35,6 +36,7 @@
 
 mod error;
 pub mod flight;
+pub mod navigation;
 pub mod output;
 mod presets;
 mod random;

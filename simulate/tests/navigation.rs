@@ -1,0 +1,43 @@
+//! The simulator of GNSS/INS data against the mechanisation, and the filter's derivatives against differences.
+
+use nalgebra::Vector3;
+use tieline_filter::NavState;
+use tieline_filter::state::nav_minus;
+use tieline_filter::strapdown::{ImuErrors, Increment, Locality, advance};
+use tieline_simulate::navigation::{Motion, Vehicle, ideal_increments};
+
+/// Runs the mechanisation over ideal increments from the exact state.
+fn mechanised(motion: &Motion, (start_s, end_s): (f64, f64), rate_hz: f64) -> NavState {
+    let samples = ideal_increments(motion, (start_s - 1.0 / rate_hz, end_s), rate_hz);
+    let mut nav = motion.nav_at(samples[0].time_s);
+    let mut locality = Locality::at(&nav.geodetic);
+    for pair in samples.windows(2) {
+        let increment = Increment::new(&pair[1], Some(&pair[0]), 1.0 / rate_hz, &ImuErrors::default());
+        advance(&mut nav, &increment, &mut locality);
+        nav.time_s = pair[1].time_s;
+    }
+    nav
+}
+
+#[test]
+fn error_free_increments_from_the_exact_state_stay_on_the_truth() {
+    for (vehicle, name) in [(Vehicle::car(), "car"), (Vehicle::aircraft(), "aircraft")] {
+        for seed in 1..4 {
+            let motion = vehicle.motion((0.0, 400.0), seed);
+            for rate_hz in [100.0, 200.0] {
+                let end = mechanised(&motion, (200.0, 313.0), rate_hz);
+                let (position, velocity, attitude): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
+                    nav_minus(&motion.nav_at(end.time_s), &end);
+                let (horizontal_m, turned_deg) = (position.x.hypot(position.y), attitude.norm().to_degrees());
+                println!(
+                    "{name} seed {seed} {rate_hz} Hz: {:.3} mm {:.3} mm down, {:.4} mm/s, {turned_deg:.2e} deg",
+                    1e3 * horizontal_m,
+                    1e3 * position.z,
+                    1e3 * velocity.norm()
+                );
+                assert!(horizontal_m < 0.005, "{name} {rate_hz} Hz: {horizontal_m} m");
+                assert!(turned_deg < 1e-4, "{name} {rate_hz} Hz: {turned_deg} deg");
+            }
+        }
+    }
+}

@@ -134,7 +134,8 @@ impl Vehicle {
             let lap = s / route.length_m;
             let lane = lane_at(&lanes, lap);
             let height = self.hill_m * ((2.0 * turn).sin() + 0.3 * (5.0 * turn).cos());
-            let slope = self.hill_m * (2.0 * (2.0 * turn).cos() - 1.5 * (5.0 * turn).sin()) * std::f64::consts::TAU / route.length_m;
+            let slope = self.hill_m * (2.0 * (2.0 * turn).cos() - 1.5 * (5.0 * turn).sin()) * std::f64::consts::TAU
+                / route.length_m;
             let forward = if k > 0 { (v - along[k - 1].1) / KNOT_S } else { 0.0 };
             let quick = (v / self.speed_mps).clamp(0.0, 1.0);
             let rough = |a: (f64, f64), b: (f64, f64)| (a.0 + (b.0 - a.0) * quick, a.1 + (b.1 - a.1) * quick);

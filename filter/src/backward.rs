@@ -3,7 +3,7 @@
 use crate::kalman::{Adjoint, smoothed};
 use crate::smoother::SmootherError;
 use crate::state::{Layout, NAV, Nominal};
-use crate::tape::{Operation, Tape};
+use crate::tape::{NodeRecord, Operation, Tape};
 
 /// A node of the smoothed solution.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,34 +26,42 @@ pub(crate) fn backward(
     nominals: &[Nominal],
     slots: usize,
 ) -> Result<(Vec<SmoothedNode>, f64), SmootherError> {
-    let base = layout.base;
-    let mut adjoint = Adjoint::new(base, slots);
+    let mut adjoint = Adjoint::new(layout.base, slots);
     let mut nodes = Vec::with_capacity(nominals.len());
     let mut largest: f64 = 0.0;
+    let mut place = nominals.len();
     for index in (0..tape.len()).rev() {
         let record = tape.read(index)?;
-        let states = record.mean.len();
-        let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, states, base, &adjoint);
-        for i in 0..NAV {
-            let sigma = covariance[i * base + i].max(0.0).sqrt();
-            largest = largest.max(error[i].abs() / sigma.max(1e-12));
+        if !record.mean.is_empty() {
+            place -= 1;
+            let (node, moved) = smooth(layout, &record, &nominals[place], &adjoint);
+            largest = largest.max(moved);
+            nodes.push(node);
         }
-        let mut nominal = nominals[index];
-        nominal.shift(layout, &error);
-        let mut of_nav = [0.0; NAV * NAV];
-        for i in 0..NAV {
-            of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * base..i * base + NAV]);
-        }
-        let parameter_sigma = (NAV..base).map(|i| covariance[i * base + i].max(0.0).sqrt()).collect();
-        nodes.push(SmoothedNode { nominal, covariance: of_nav, parameter_sigma });
         for operation in record.operations.iter().rev() {
             match operation {
                 Operation::Update(update) => adjoint.back_through_update(update),
                 Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }
-        adjoint.back_through_transition(&record.transition, base);
+        adjoint.back_through_transition(&record.transition, layout.base);
     }
     nodes.reverse();
     Ok((nodes, largest))
+}
+
+/// A node smoothed, and its largest change over sigma against what was linearised at.
+fn smooth(layout: &Layout, record: &NodeRecord, nominal: &Nominal, adjoint: &Adjoint) -> (SmoothedNode, f64) {
+    let base = layout.base;
+    let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, record.mean.len(), base, adjoint);
+    let sigma = |i: usize| covariance[i * base + i].max(0.0).sqrt();
+    let largest = (0..NAV).map(|i| error[i].abs() / sigma(i).max(1e-12)).fold(0.0, f64::max);
+    let mut nominal = *nominal;
+    nominal.shift(layout, &error);
+    let mut of_nav = [0.0; NAV * NAV];
+    for i in 0..NAV {
+        of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * base..i * base + NAV]);
+    }
+    let parameter_sigma = (NAV..base).map(sigma).collect();
+    (SmoothedNode { nominal, covariance: of_nav, parameter_sigma }, largest)
 }

@@ -99,12 +99,16 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         operations: Vec::new(),
         result: Forward::default(),
     };
-    run.node(tape)?;
+    run.node(tape, true)?;
     let mut next = 0;
+    let mut main_s = plan.initial.nav.time_s;
     while next < plan.events.len() {
         let time_s = plan.events[next].time_s;
         run.propagator.advance_to(time_s, &mut run.gaussian);
-        if let Some(reference) = plan.reference {
+        // Nodes between are passed by the backward run, but not smoothed: they are what ties cost most.
+        let last = plan.events.last().map_or(time_s, |e| e.time_s);
+        let is_main = time_s >= main_s + 0.999 * plan.options.node_interval_s || time_s >= last - 1e-6;
+        if let Some(reference) = plan.reference.filter(|_| is_main) {
             run.move_nominal_to(&reference[run.result.nominals.len()]);
         }
         // events closer than a microsecond share a node
@@ -112,7 +116,10 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
             run.happen(event)?;
             next += 1;
         }
-        run.node(tape)?;
+        run.node(tape, is_main)?;
+        if is_main {
+            main_s = time_s;
+        }
     }
     run.result.bridged = std::mem::take(&mut run.propagator.bridged);
     Ok(run.result)
@@ -143,14 +150,15 @@ impl Run<'_> {
     }
 
     /// Closes a node: its record goes onto the tape.
-    fn node(&mut self, tape: &mut Tape) -> Result<(), SmootherError> {
+    fn node(&mut self, tape: &mut Tape, is_main: bool) -> Result<(), SmootherError> {
         let base = self.plan.layout.base;
         let transition = self.propagator.take_transition();
-        let covariance_rows = (0..base).flat_map(|i| self.gaussian.row(i).iter().copied()).collect();
+        let rows = if is_main { 0..base } else { 0..0 };
+        let covariance_rows = rows.flat_map(|i| self.gaussian.row(i).iter().copied()).collect();
         let record = NodeRecord {
             transition,
             operations: std::mem::take(&mut self.operations),
-            mean: self.gaussian.mean().to_vec(),
+            mean: if is_main { self.gaussian.mean().to_vec() } else { Vec::new() },
             covariance_rows,
         };
         tape.push(&record)?;
@@ -159,7 +167,9 @@ impl Run<'_> {
         estimate.shift(self.plan.layout, &self.gaussian.mean()[..base]);
         let variance = std::array::from_fn(|k| self.gaussian.covariance(k, k));
         self.result.nodes.push(FilterNode { nominal: estimate, variance });
-        self.result.nominals.push(nominal);
+        if is_main {
+            self.result.nominals.push(nominal);
+        }
         Ok(())
     }
 

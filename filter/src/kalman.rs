@@ -148,50 +148,62 @@ impl Gaussian {
 
     /// Moves mean and covariance by a transition: `x ← Φ x`, `P ← Φ P Φᵀ`.
     pub fn advance(&mut self, transition: &Transition) {
-        let (n, base, capacity) = (self.len(), self.base, self.capacity);
+        self.advance_base(transition);
+        self.advance_slots(transition);
+    }
+
+    /// Moves the states before the slots only; [`Gaussian::advance_slots`] is due, with the product of all transitions,
+    /// before the next measurement. Landmarks do not move, so their covariance with the others can wait.
+    pub fn advance_base(&mut self, transition: &Transition) {
+        let (base, capacity) = (self.base, self.capacity);
         move_mean(&mut self.mean[..base], transition);
-        // the nine rows of Φ P, over all columns
-        let product = &mut self.scratch[..NAV * n];
-        product.fill(0.0);
-        for (out, row) in product.chunks_exact_mut(n).zip(&transition.nav) {
-            for (k, factor) in row.iter().enumerate() {
-                if *factor != 0.0 {
-                    let from = &self.covariance[k * capacity..k * capacity + n];
-                    for (o, p) in out.iter_mut().zip(from) {
-                        *o += factor * p;
-                    }
-                }
-            }
-        }
-        // states that only decay, among themselves and with the slots
+        // the nine rows of Φ P over the base columns
+        let product = &mut self.scratch[..NAV * base];
+        multiply_nav(product, &transition.nav, &self.covariance, capacity, 0..base);
         for i in NAV..base {
             let di = transition.decay[i - NAV];
-            let row = &mut self.covariance[i * capacity..i * capacity + n];
-            for (p, d) in row[NAV..base].iter_mut().zip(&transition.decay) {
+            let row = &mut self.covariance[i * capacity + NAV..i * capacity + base];
+            for (p, d) in row.iter_mut().zip(&transition.decay) {
                 *p *= di * d;
             }
-            for p in &mut row[base..] {
-                *p *= di;
-            }
         }
-        for i in base..n {
-            for (j, d) in (NAV..base).zip(&transition.decay) {
-                self.covariance[i * capacity + j] *= d;
-            }
-        }
-        let product = &self.scratch[..NAV * n];
+        let product = &self.scratch[..NAV * base];
         for i in 0..NAV {
-            let out = &product[i * n..(i + 1) * n];
-            for j in i..NAV {
-                let row = &transition.nav[j];
+            let out = &product[i * base..(i + 1) * base];
+            for (j, row) in transition.nav.iter().enumerate().skip(i) {
                 let value: f64 = out[..CORE].iter().zip(row).map(|(a, b)| a * b).sum();
                 self.covariance[i * capacity + j] = value;
                 self.covariance[j * capacity + i] = value;
             }
-            for (j, o) in out.iter().enumerate().skip(NAV) {
-                let value = o * if j < base { transition.decay[j - NAV] } else { 1.0 };
+            for (j, d) in (NAV..base).zip(&transition.decay) {
+                let value = out[j] * d;
                 self.covariance[i * capacity + j] = value;
                 self.covariance[j * capacity + i] = value;
+            }
+        }
+    }
+
+    /// Moves the covariance of slots and base: `P_bs ← Φ P_bs`.
+    pub fn advance_slots(&mut self, transition: &Transition) {
+        let (n, base, capacity) = (self.len(), self.base, self.capacity);
+        let slots = n - base;
+        if slots == 0 {
+            return;
+        }
+        let product = &mut self.scratch[..NAV * slots];
+        multiply_nav(product, &transition.nav, &self.covariance, capacity, base..n);
+        for (i, d) in (NAV..base).zip(&transition.decay) {
+            for p in &mut self.covariance[i * capacity + base..i * capacity + n] {
+                *p *= d;
+            }
+        }
+        for i in 0..NAV {
+            let row = &self.scratch[i * slots..(i + 1) * slots];
+            self.covariance[i * capacity + base..i * capacity + n].copy_from_slice(row);
+        }
+        for i in base..n {
+            for j in 0..base {
+                self.covariance[i * capacity + j] = self.covariance[j * capacity + i];
             }
         }
     }
@@ -261,10 +273,15 @@ impl Gaussian {
             let k = &gain[a];
             for i in 0..n {
                 let (ki, hi) = (k[i], half[i]);
-                let row = &mut self.covariance[i * self.capacity..i * self.capacity + n];
+                let row = &mut self.covariance[i * self.capacity..=i * self.capacity + i];
                 for ((p, kj), hj) in row.iter_mut().zip(k).zip(&half) {
                     *p += ki * hj + hi * kj;
                 }
+            }
+        }
+        for i in 0..n {
+            for j in 0..i {
+                self.covariance[j * self.capacity + i] = self.covariance[i * self.capacity + j];
             }
         }
         Ok(UpdateRecord { innovation, precision, rows: measurement.rows.clone(), gain })
@@ -309,6 +326,27 @@ impl Gaussian {
     #[must_use]
     pub fn free_slots(&self) -> usize {
         self.free.iter().filter(|f| **f).count()
+    }
+}
+
+/// The nine rows of `Φ P` over columns of a covariance.
+fn multiply_nav(
+    product: &mut [f64],
+    nav: &[[f64; CORE]; NAV],
+    covariance: &[f64],
+    capacity: usize,
+    columns: std::ops::Range<usize>,
+) {
+    product.fill(0.0);
+    for (out, row) in product.chunks_exact_mut(columns.len()).zip(nav) {
+        for (k, factor) in row.iter().enumerate() {
+            if *factor != 0.0 {
+                let from = &covariance[k * capacity + columns.start..k * capacity + columns.end];
+                for (o, p) in out.iter_mut().zip(from) {
+                    *o += factor * p;
+                }
+            }
+        }
     }
 }
 

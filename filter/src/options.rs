@@ -191,7 +191,7 @@ impl Options {
             standstill: Some(StandstillModel::default()),
             ties: TieModel::default(),
             false_alarm: 1e-4,
-            node_interval_s: 0.5,
+            node_interval_s: 1.0,
             step_s: 0.05,
             most_runs: 10,
             memory_bytes: 256 << 20,

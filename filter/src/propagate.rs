@@ -150,6 +150,7 @@ impl<'a> Propagator<'a> {
             }
         }
         self.move_covariance(gaussian);
+        gaussian.advance_slots(&self.transition);
     }
 
     /// Moves the covariance over the steps summed: half of the noise before, half after.
@@ -171,7 +172,7 @@ impl<'a> Propagator<'a> {
             (transition.decay[k], noise[NAV + k]) = process.over(interval_s);
         }
         gaussian.add_variances(&noise, 0.5);
-        gaussian.advance(&transition);
+        gaussian.advance_base(&transition);
         gaussian.add_variances(&noise, 0.5);
         self.nominal.decay(self.layout, &transition.decay);
         let body_from_ned = self.nominal.nav.ned_from_body.inverse();

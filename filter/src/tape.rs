@@ -28,9 +28,9 @@ pub struct NodeRecord {
     pub transition: Transition,
     /// Operations.
     pub operations: Vec<Operation>,
-    /// Mean of the errors afterwards.
+    /// Mean of the errors afterwards, at nodes that are to be smoothed; else empty.
     pub mean: Vec<f64>,
-    /// Rows of the covariance of the states before the slots, afterwards: row-major.
+    /// Rows of the covariance of the states before the slots, afterwards: row-major; empty where the mean is.
     pub covariance_rows: Vec<f64>,
 }
 

@@ -34,7 +34,9 @@ pub(crate) fn backward(
         let record = tape.read(index)?;
         if !record.mean.is_empty() {
             place -= 1;
-            let (node, moved) = smooth(layout, &record, &nominals[place], &adjoint);
+            // standard deviations of parameters change slowly: every eighth node has its own
+            let sigma = nodes.last().filter(|_| place % PARAMETERS_EVERY != 0).map(|n: &SmoothedNode| &n.parameter_sigma);
+            let (node, moved) = smooth(layout, &record, &nominals[place], &adjoint, sigma);
             largest = largest.max(moved);
             nodes.push(node);
         }
@@ -50,18 +52,29 @@ pub(crate) fn backward(
     Ok((nodes, largest))
 }
 
+/// Nodes from one with its own standard deviations of parameters to the next.
+const PARAMETERS_EVERY: usize = 8;
+
 /// A node smoothed, and its largest change over sigma against what was linearised at.
-fn smooth(layout: &Layout, record: &NodeRecord, nominal: &Nominal, adjoint: &Adjoint) -> (SmoothedNode, f64) {
+fn smooth(
+    layout: &Layout,
+    record: &NodeRecord,
+    nominal: &Nominal,
+    adjoint: &Adjoint,
+    parameter_sigma: Option<&Vec<f64>>,
+) -> (SmoothedNode, f64) {
     let base = layout.base;
-    let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, record.mean.len(), base, adjoint);
-    let sigma = |i: usize| covariance[i * base + i].max(0.0).sqrt();
+    let wanted = if parameter_sigma.is_some() { NAV } else { base };
+    let states = (record.mean.len(), base, wanted);
+    let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, states, adjoint);
+    let sigma = |i: usize| covariance[i * wanted + i].max(0.0).sqrt();
     let largest = (0..NAV).map(|i| error[i].abs() / sigma(i).max(1e-12)).fold(0.0, f64::max);
     let mut nominal = *nominal;
     nominal.shift(layout, &error);
     let mut of_nav = [0.0; NAV * NAV];
     for i in 0..NAV {
-        of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * base..i * base + NAV]);
+        of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * wanted..i * wanted + NAV]);
     }
-    let parameter_sigma = (NAV..base).map(sigma).collect();
+    let parameter_sigma = parameter_sigma.cloned().unwrap_or_else(|| (NAV..base).map(sigma).collect());
     (SmoothedNode { nominal, covariance: of_nav, parameter_sigma }, largest)
 }

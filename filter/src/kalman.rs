@@ -459,6 +459,9 @@ impl Adjoint {
     /// Back through a transition of the first `base` states.
     pub fn back_through_transition(&mut self, transition: &Transition, base: usize) {
         for v in std::iter::once(&mut self.vector[..]).chain(self.root.chunks_exact_mut(self.capacity)) {
+            if v[..base].iter().all(|x| *x == 0.0) {
+                continue; // a row that looks at landmarks only
+            }
             let mut moved = [0.0; CORE];
             for (value, row) in v.iter().zip(&transition.nav) {
                 if *value != 0.0 {
@@ -480,7 +483,7 @@ impl Adjoint {
 
 /// `gᵀ K` of a row.
 fn pulled(g: &[f64], gain: &[Vec<f64>]) -> Vec<f64> {
-    gain.iter().map(|k| k.iter().zip(g).map(|(a, b)| a * b).sum()).collect()
+    gain.iter().map(|k| dot(k, &g[..k.len()])).collect()
 }
 
 /// Rows `W` with `Wᵀ W` a small positive definite matrix.
@@ -494,13 +497,17 @@ fn upper_root(matrix: &[f64], m: usize) -> Vec<Vec<f64>> {
     (0..m).map(|i| (0..m).map(|j| l[(j, i)]).collect()).collect()
 }
 
-/// Smoothed errors and covariance of the first `wanted` states, `x - P λ` and `P - P Λ P`; `rows` are those of the
-/// covariance over `n` states, row-major.
+/// Smoothed errors of the first `means` states and covariance of the first `wanted`, `x - P λ` and `P - P Λ P`; `rows` are
+/// those of the covariance over `n` states, row-major.
 #[must_use]
-pub fn smoothed(rows: &[f64], mean: &[f64], n: usize, wanted: usize, adjoint: &Adjoint) -> (Vec<f64>, Vec<f64>) {
+pub fn smoothed(
+    rows: &[f64],
+    mean: &[f64],
+    (n, means, wanted): (usize, usize, usize),
+    adjoint: &Adjoint,
+) -> (Vec<f64>, Vec<f64>) {
     let row = |i: usize| &rows[i * n..(i + 1) * n];
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let error = (0..wanted).map(|i| mean[i] - dot(row(i), adjoint.vector())).collect();
+    let error = (0..means).map(|i| mean[i] - dot(row(i), &adjoint.vector()[..n])).collect();
     let mut covariance = vec![0.0; wanted * wanted];
     for i in 0..wanted {
         covariance[i * wanted..(i + 1) * wanted].copy_from_slice(&row(i)[..wanted]);
@@ -522,4 +529,17 @@ pub fn smoothed(rows: &[f64], mean: &[f64], n: usize, wanted: usize, adjoint: &A
         }
     }
     (error, covariance)
+}
+
+/// Inner product in four sums, which the processor adds side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (fours_a, fours_b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = fours_a.remainder().iter().zip(fours_b.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in fours_a.zip(fours_b) {
+        for k in 0..4 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
 }

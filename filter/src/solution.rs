@@ -176,28 +176,38 @@ impl Solution {
         Some(between(inputs, &before.nominal, &after.nominal, &self.layout, &[time_s])[0])
     }
 
-    /// Offsets of the sightings by the smoothed trajectory.
+    /// Offsets of the sightings by the smoothed trajectory; every interval between nodes is mechanised once.
     pub(crate) fn fill_tie_residuals(&mut self, inputs: &Inputs) {
         let Some(first) = self.nodes.first() else { return };
         let origin = ecef_from_geodetic(&first.nominal.nav.geodetic);
         let offset_s = self.clock_offset_s();
+        let (start_s, end_s) = self.span_s();
+        let mut order: Vec<(f64, usize, usize)> = Vec::new();
         for (t, tie) in inputs.ties.iter().enumerate() {
-            let values: Vec<f64> = tie
-                .sightings
-                .iter()
-                .map(|s| {
-                    self.pose_at(inputs, s.time_s + offset_s).map_or(f64::NAN, |nav| {
-                        let nominal = Nominal { nav, parameters: first.nominal.parameters };
-                        coordinates(&nominal, tie, s, &origin).0[0]
-                    })
-                })
-                .collect();
+            self.ties[t].residuals_m = vec![f64::NAN; tie.sightings.len()];
+            order.extend(tie.sightings.iter().enumerate().map(|(s, sighting)| (sighting.time_s + offset_s, t, s)));
+        }
+        order.retain(|o| o.0 >= start_s && o.0 < end_s);
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let interval_of = |time_s: f64| self.nodes.partition_point(|n| n.nominal.nav.time_s <= time_s);
+        for group in order.chunk_by(|a, b| interval_of(a.0) == interval_of(b.0)) {
+            let next = interval_of(group[0].0);
+            let times: Vec<f64> = group.iter().map(|g| g.0).collect();
+            let (from, to) = (&self.nodes[next - 1].nominal, &self.nodes[next].nominal);
+            for (nav, (_, t, s)) in between(inputs, from, to, &self.layout, &times).into_iter().zip(group) {
+                let tie = &inputs.ties[*t];
+                let nominal = Nominal { nav, parameters: from.parameters };
+                self.ties[*t].residuals_m[*s] = coordinates(&nominal, tie, &tie.sightings[*s], &origin).0[0];
+            }
+        }
+        for (tie, used) in inputs.ties.iter().zip(&mut self.ties) {
+            let values = &mut used.residuals_m;
             #[allow(clippy::cast_precision_loss)]
             let mean = match &tie.known_m {
                 Some(known) => known[0],
                 None => values.iter().sum::<f64>() / values.len().max(1) as f64,
             };
-            self.ties[t].residuals_m = values.iter().map(|v| v - mean).collect();
+            values.iter_mut().for_each(|v| *v -= mean);
         }
     }
 }

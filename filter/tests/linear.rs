@@ -137,7 +137,7 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
     let mut out = Vec::new();
     for step in (0..=STEPS).rev() {
         let (operations, mean, rows) = &records[step];
-        out.push(smoothed(rows, mean, mean.len(), BASE, &adjoint));
+        out.push(smoothed(rows, mean, (mean.len(), BASE, BASE), &adjoint));
         for operation in operations.iter().rev() {
             match operation {
                 Operation::Update(update) => adjoint.back_through_update(update),

@@ -182,6 +182,15 @@ fn a_solution_that_runs_backwards_over_a_week_is_sorted() {
 }
 
 #[test]
+fn times_that_meet_when_they_are_counted_from_the_earlier_week_are_one() {
+    // found by fuzzing: 1e-11 s is lost beyond the week's end
+    let row = |time: &str| ROW.replace("2025/07/08 19:34:18.500", time);
+    let rows = [row("2375 0.00000000001"), row("2375 0.0"), row("2374 604799.0")].join("\n");
+    let file = good(&format!("{LLH}\n{rows}\n"));
+    assert_eq!(file.fixes.iter().map(|f| f.time_s).collect::<Vec<_>>(), [604_799.0, 604_800.0]);
+}
+
+#[test]
 fn a_header_in_the_midst_holds_from_there_on() {
     let columns = "%  GPST latitude(deg) longitude(deg) height(m) Q ns";
     let row = "2025/07/08 19:34:19.500 40.0966268 -105.1474483 1601.474 5 7";

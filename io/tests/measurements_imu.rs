@@ -39,7 +39,7 @@ fn seven_bare_columns_are_the_increments_of_kf_gins() {
         let file = read(&text).expect(delimiter);
         assert_eq!((file.format, file.kind), (ImuFormat::KfGins, ImuKind::Increments));
         let sample = file.imu.samples()[0];
-        assert_eq!(sample.time_s, 100.0);
+        assert_eq!(times_s(&file), [100.0, 100.01]);
         assert_eq!(sample.angle_rad, Vector3::new(0.001, -0.002, 0.003));
         assert_eq!(sample.velocity_mps, Vector3::new(0.1, 0.2, -0.3));
         assert!(file.notes.is_empty(), "{:?}", file.notes);

@@ -146,6 +146,15 @@ impl Timeline {
                 self.disordered
             ));
         }
+        let mut week = self.first_week;
+        if let (Some(first_week), Some(first)) = (&mut week, samples.first()) {
+            // a file that began late in its order: the week is that of the earliest epoch
+            let weeks = (first.time_s() / SECONDS_PER_WEEK).floor().min(0.0);
+            if weeks < 0.0 && *first_week + weeks >= 0.0 {
+                *first_week += weeks;
+                samples.iter_mut().for_each(|sample| sample.shift_s(-weeks * SECONDS_PER_WEEK));
+            }
+        }
         if single {
             let (before, mut first) = (samples.len(), None);
             samples.dedup_by(|later, earlier| {
@@ -166,15 +175,6 @@ impl Timeline {
             notes.push(format!(
                 "{name}: seconds of week fell back at the week's end and were counted on past {SECONDS_PER_WEEK} s"
             ));
-        }
-        let mut week = self.first_week;
-        if let (Some(first_week), Some(first)) = (&mut week, samples.first()) {
-            // a file that began late in its order: the week is that of the earliest epoch
-            let weeks = (first.time_s() / SECONDS_PER_WEEK).floor().min(0.0);
-            if weeks < 0.0 && *first_week + weeks >= 0.0 {
-                *first_week += weeks;
-                samples.iter_mut().for_each(|sample| sample.shift_s(-weeks * SECONDS_PER_WEEK));
-            }
         }
         let negative = samples.first().is_some_and(|sample| sample.time_s() < 0.0);
         let is_adjusted = week.is_none() && (self.adjusted || negative || self.latest_s >= LONGEST_WEEK_TIME_S);

@@ -31,12 +31,12 @@ pub enum AlignError {
         imu_s: (f64, f64),
     },
     /// No GNSS at all.
-    #[error("without GNSS the beginning is not known: give [gnss], or an initial pose")]
+    #[error("without GNSS the beginning is not known: give [gnss], or the beginning in [initial]")]
     NoGnss,
     /// Neither rest nor motion to take a heading from.
     #[error(
         "no heading can be had: the platform never moves faster than {moving_mps} m/s (fastest: {fastest_mps:.1} m/s) and its \
-         gyros do not feel the earth turn; give an initial heading"
+         gyros do not feel the earth turn; give the beginning in [initial]"
     )]
     NoHeading {
         /// Speed from which a course counts \[m/s\].
@@ -64,6 +64,22 @@ pub enum AlignError {
         axis: &'static str,
         /// Axes to try.
         suggestion: &'static str,
+    },
+    /// The clocks of IMU and GNSS differ by whole seconds.
+    #[error(
+        "the gyros turn {} s {} than the course of GNSS (correlation {correlation:.2}): {}",
+        lag_s.abs(), if *lag_s > 0.0 { "later" } else { "earlier" },
+        if (lag_s.abs() - 18.0).abs() < 1.5 {
+            "18 s are the leap seconds between UTC and GPS time; bring both files to GPS time"
+        } else {
+            "bring both files to one clock, or give [gnss] delay_s"
+        }
+    )]
+    ClockSlip {
+        /// How much later the IMU turns \[s\].
+        lag_s: f64,
+        /// Correlation of yaw rate and rate of the course at that lag.
+        correlation: f64,
     },
     /// Gyros and course disagree.
     #[error(
@@ -146,9 +162,48 @@ fn check_gravity(imu: &Imu, rests: &[Rest], fix: &GnssFix) -> Result<(), AlignEr
     Err(AlignError::WrongAxes { axis, suggestion })
 }
 
-/// Yaw rate of the gyros against the rate of the course.
+/// Yaw rate of the gyros against the rate of the course: axes, and clocks that differ by whole seconds.
 fn check_turning(imu: &Imu, fixes: &[&GnssFix]) -> Result<(), AlignError> {
-    let mut rows: Vec<(f64, f64)> = Vec::new();
+    let rates = course_rates(fixes);
+    let spread = rates.iter().map(|r| r.2 * r.2).sum::<f64>();
+    #[allow(clippy::cast_precision_loss)]
+    let turns_enough = rates.len() >= 20 && (spread / rates.len() as f64).sqrt() > 0.03;
+    if !turns_enough {
+        return Ok(());
+    }
+    let correlation_at = |lag_s: f64| {
+        let (mut xx, mut yy, mut xy) = (0.0, 0.0, 0.0);
+        for (from_s, to_s, rate) in &rates {
+            if let Some((gyro, ..)) = mean_rates(imu, from_s + lag_s, to_s + lag_s) {
+                xx += rate * rate;
+                yy += gyro.z * gyro.z;
+                xy += rate * gyro.z;
+            }
+        }
+        xy / (xx * yy).sqrt().max(1e-12)
+    };
+    let correlation = correlation_at(0.0);
+    if correlation > 0.8 {
+        return Ok(());
+    }
+    let best = (-LONGEST_SLIP_S..=LONGEST_SLIP_S)
+        .map(|lag| (f64::from(lag), correlation_at(f64::from(lag))))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    match best {
+        Some((lag_s, at_lag)) if lag_s.abs() >= 2.0 && at_lag > 0.7 && correlation < 0.7 * at_lag => {
+            Err(AlignError::ClockSlip { lag_s, correlation: at_lag })
+        }
+        _ if correlation < 0.3 => Err(AlignError::NotTurning { correlation }),
+        _ => Ok(()),
+    }
+}
+
+/// Longest difference of clocks that is looked for \[s\]: beyond the leap seconds between UTC and GPS time.
+const LONGEST_SLIP_S: i32 = 40;
+
+/// Rates of the course of a moving platform: from and to \[s\], and the rate \[rad/s\].
+fn course_rates(fixes: &[&GnssFix]) -> Vec<(f64, f64, f64)> {
+    let mut rates = Vec::new();
     let mut last: Option<(f64, f64)> = None;
     let mut next_s = f64::NEG_INFINITY;
     for pair in fixes.windows(2) {
@@ -156,28 +211,20 @@ fn check_turning(imu: &Imu, fixes: &[&GnssFix]) -> Result<(), AlignError> {
             continue;
         }
         let (speed, course) = course_of(pair[0], pair[1]);
-        let middle_s = 0.5 * (pair[0].time_s + pair[1].time_s);
+        // the receiver's velocity is that of the fix, a difference of positions that of the middle
+        let middle_s =
+            if pair[0].velocity.is_some() { pair[0].time_s } else { 0.5 * (pair[0].time_s + pair[1].time_s) };
         if speed < MOVING_MPS || pair[1].time_s - pair[0].time_s > 3.0 {
             last = None;
             continue;
         }
         if let Some((before_s, before)) = last {
-            let turned = wrapped(course - before);
-            if let Some((rate, ..)) = mean_rates(imu, before_s, middle_s) {
-                rows.push((turned / (middle_s - before_s), rate.z));
-            }
+            rates.push((before_s, middle_s, wrapped(course - before) / (middle_s - before_s)));
         }
         last = Some((middle_s, course));
         next_s = pair[1].time_s + 0.9;
     }
-    let (xx, yy, xy) = rows.iter().fold((0.0, 0.0, 0.0), |a, (x, y)| (a.0 + x * x, a.1 + y * y, a.2 + x * y));
-    #[allow(clippy::cast_precision_loss)]
-    let turns_enough = rows.len() >= 20 && (xx / rows.len() as f64).sqrt() > 0.03;
-    let correlation = xy / (xx * yy).sqrt().max(1e-12);
-    if turns_enough && correlation < 0.3 {
-        return Err(AlignError::NotTurning { correlation });
-    }
-    Ok(())
+    rates
 }
 
 /// Speed \[m/s\] and course \[rad\] from one fix to another; the receiver's velocity where it has one.

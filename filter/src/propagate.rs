@@ -160,7 +160,7 @@ impl<'a> Propagator<'a> {
             return;
         }
         let nav = &self.nominal.nav;
-        let mut transition = Transition::of(&self.sums, nav, &Locality::at(&nav.geodetic), self.layout.base);
+        let mut transition = Transition::of(&self.sums, nav, &self.mechaniser.locality, self.layout.base);
         let mut noise = vec![0.0; self.layout.base];
         let n = &self.options.noise;
         let unseen = |density: f64| density * density * self.unseen_s;

@@ -7,7 +7,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::aiding::GnssFix;
-use crate::earth::{EARTH_RATE_RADPS, ecef_from_geodetic, ned_from_ecef, normal_gravity_mps2};
+use crate::earth::{EARTH_RATE_RADPS, earth_rate_ned_radps, ecef_from_geodetic, ned_from_ecef, normal_gravity_mps2};
 use crate::events::Inputs;
 use crate::frames::ned_from_body;
 use crate::imu::Imu;
@@ -252,7 +252,8 @@ fn level(force: &Vector3<f64>) -> (f64, f64) {
 
 /// The beginning at the first rest, when the gyros feel the earth turn.
 fn at_rest(inputs: &Inputs, options: &Options, rests: &[Rest], fixes: &[&GnssFix]) -> Option<(InitialState, String)> {
-    let rest = rests.first().filter(|r| r.start_s <= fixes[0].time_s + 5.0)?;
+    let early = rests.iter().take_while(|r| r.start_s <= fixes[0].time_s + 5.0);
+    let rest = early.max_by(|a, b| (a.end_s - a.start_s).total_cmp(&(b.end_s - b.start_s)))?;
     let (rate, force, interval_s) = mean_rates(&inputs.imu, rest.start_s, rest.end_s)?;
     let fix = fixes.iter().find(|f| f.time_s >= rest.start_s && f.time_s <= rest.end_s)?;
     let (roll, pitch) = level(&force);
@@ -356,6 +357,10 @@ fn on_the_move(
         if known.is_some() { noise.gyro_bias_radps } else { noise.gyro_bias_radps * noise.switch_on.max(1.0) };
     let heading_sigma =
         (COURSE_RAD + 0.3 / speed).hypot(rate_sigma * back_s).hypot(noise.angle_random_walk * back_s.sqrt());
+    // gyros at rest feel their bias and the earth; what is felt beyond the bias of their grade is not a bias
+    let earth = attitude.inverse() * earth_rate_ned_radps(start.geodetic.x);
+    let bias_sigma = noise.gyro_bias_radps * noise.switch_on.max(1.0);
+    let bias = known.map_or_else(Vector3::zeros, |_| bias - earth).map(|b| b.clamp(-bias_sigma, bias_sigma));
     let velocity = velocity_of(fixes[0], fixes[1]);
     let nav = NavState {
         time_s: start.time_s.max(inputs.imu.span_s().0),

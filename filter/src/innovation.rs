@@ -103,7 +103,9 @@ pub(crate) fn take_in(
     let limit = chi_squared_limit(m, false_alarm);
     let mut weight = 1.0;
     if !forced && squared > limit {
-        if !squared.is_finite() || squared > LEFT_OUT * limit {
+        // that the platform rests is right or wrong, not more or less accurate
+        let all_or_nothing = matches!(kind, MeasurementKind::ZeroVelocity | MeasurementKind::ZeroRotation);
+        if !squared.is_finite() || squared > LEFT_OUT * limit || all_or_nothing {
             weight = 0.0;
         } else {
             // noise · factor puts the innovation onto the limit

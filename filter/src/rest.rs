@@ -26,13 +26,33 @@ const WINDOW: usize = 4;
 const SHORTEST_S: f64 = 0.5;
 /// Cut off at both ends of a rest, where the platform still rocks \[s\].
 const MARGIN_S: f64 = 0.25;
+/// Difference of the specific force from that of other rests that is always let pass \[m/s²\]: what even braking by
+/// 0.9 m/s² adds to gravity. A bias that wanders may make it larger.
+const FORCE_MPS2: f64 = 0.04;
 /// A vehicle slower than this by GNSS stands \[m/s\].
 const STANDING_MPS: f64 = 0.15;
+
+/// A second of inertial measurements.
+#[derive(Debug, Clone, Copy)]
+struct Level {
+    /// Its middle \[s\].
+    time_s: f64,
+    /// Restlessness of rotation \[rad/s\].
+    turning: f64,
+    /// Restlessness of acceleration \[m/s²\].
+    shaking: f64,
+    /// Size of the mean specific force \[m/s²\]: even braking is quiet, but it adds to gravity.
+    force: f64,
+}
 
 /// How restless the platform is over time: time of the window's middle \[s\], restlessness of rotation \[rad/s\] and of
 /// acceleration \[m/s²\].
 #[must_use]
 pub fn restlessness(imu: &Imu) -> Vec<(f64, f64, f64)> {
+    levels_of(imu).iter().map(|l| (l.time_s, l.turning, l.shaking)).collect()
+}
+
+fn levels_of(imu: &Imu) -> Vec<Level> {
     let mut means: Vec<(f64, Vector3<f64>, Vector3<f64>)> = Vec::new();
     let mut sum = (0.0, Vector3::zeros(), Vector3::zeros());
     let mut start_s = imu.samples()[0].time_s;
@@ -46,16 +66,17 @@ pub fn restlessness(imu: &Imu) -> Vec<(f64, f64, f64)> {
         }
     }
     #[allow(clippy::cast_precision_loss)]
-    let spread = |values: &mut dyn Iterator<Item = Vector3<f64>>| {
+    let mean_and_spread = |values: &mut dyn Iterator<Item = Vector3<f64>>| {
         let all: Vec<Vector3<f64>> = values.collect();
         let mean = all.iter().sum::<Vector3<f64>>() / all.len() as f64;
-        (all.iter().map(|v| (v - mean).norm_squared()).sum::<f64>() / all.len() as f64).sqrt()
+        (mean, (all.iter().map(|v| (v - mean).norm_squared()).sum::<f64>() / all.len() as f64).sqrt())
     };
     means
         .windows(WINDOW)
         .map(|w| {
-            let middle_s = 0.5 * (w[0].0 + w[WINDOW - 1].0);
-            (middle_s, spread(&mut w.iter().map(|m| m.1)), spread(&mut w.iter().map(|m| m.2)))
+            let (force, shaking) = mean_and_spread(&mut w.iter().map(|m| m.2));
+            let turning = mean_and_spread(&mut w.iter().map(|m| m.1)).1;
+            Level { time_s: 0.5 * (w[0].0 + w[WINDOW - 1].0), turning, shaking, force: force.norm() }
         })
         .collect()
 }
@@ -76,14 +97,15 @@ fn speed_mps(gnss: &[GnssFix], time_s: f64) -> Option<f64> {
 #[must_use]
 #[allow(clippy::cast_precision_loss)] // a few means
 pub fn find(imu: &Imu, gnss: &[GnssFix]) -> Vec<Rest> {
-    let levels = restlessness(imu);
-    let Some(limit) = limits(&levels, gnss) else { return Vec::new() };
+    let levels = levels_of(imu);
+    let Some((limit, force_apart)) = limits(&levels, gnss) else { return Vec::new() };
     let half_s = 0.5 * MEAN_S * WINDOW as f64;
     let mut rests: Vec<Rest> = Vec::new();
-    for (time_s, turning, shaking) in &levels {
-        let quiet = *turning <= limit.0 && *shaking <= limit.1;
+    for Level { time_s, turning, shaking, force } in &levels {
+        let quiet = *turning <= limit.turning && *shaking <= limit.shaking;
+        let unforced = (force - limit.force).abs() <= force_apart;
         let slow = speed_mps(gnss, *time_s).is_none_or(|v| v < 2.0 * STANDING_MPS);
-        if !(quiet && slow) {
+        if !(quiet && unforced && slow) {
             continue;
         }
         let (start_s, end_s) = (time_s - half_s, time_s + half_s);
@@ -99,8 +121,9 @@ pub fn find(imu: &Imu, gnss: &[GnssFix]) -> Vec<Rest> {
         .collect()
 }
 
-/// Largest restlessness of rotation and acceleration at rest. `None` when the platform never rests.
-fn limits(levels: &[(f64, f64, f64)], gnss: &[GnssFix]) -> Option<(f64, f64)> {
+/// Largest restlessness of rotation and acceleration at rest, and the specific force there, as a level of which only the
+/// time says nothing; and how far the force may be from that. `None` when the platform never rests.
+fn limits(levels: &[Level], gnss: &[GnssFix]) -> Option<(Level, f64)> {
     let quantile = |mut values: Vec<f64>, share: f64| -> Option<f64> {
         if values.is_empty() {
             return None;
@@ -110,23 +133,28 @@ fn limits(levels: &[(f64, f64, f64)], gnss: &[GnssFix]) -> Option<(f64, f64)> {
         Some(values[((values.len() - 1) as f64 * share) as usize])
     };
     let standing: Vec<bool> =
-        levels.iter().map(|(t, ..)| speed_mps(gnss, *t).is_some_and(|v| v < STANDING_MPS)).collect();
-    let moving: Vec<bool> = levels.iter().map(|(t, ..)| speed_mps(gnss, *t).is_some_and(|v| v > 1.0)).collect();
-    let of = |flags: &[bool], k: usize| -> Vec<f64> {
-        levels.iter().zip(flags).filter(|(_, f)| **f).map(|(l, _)| if k == 0 { l.1 } else { l.2 }).collect()
+        levels.iter().map(|l| speed_mps(gnss, l.time_s).is_some_and(|v| v < STANDING_MPS)).collect();
+    let moving: Vec<bool> = levels.iter().map(|l| speed_mps(gnss, l.time_s).is_some_and(|v| v > 1.0)).collect();
+    let of = |flags: &[bool], what: fn(&Level) -> f64| -> Vec<f64> {
+        levels.iter().zip(flags).filter(|(_, f)| **f).map(|(l, _)| what(l)).collect()
     };
-    let count = standing.iter().filter(|s| **s).count();
-    let pick = |k: usize| -> Option<f64> {
-        if count >= 8 {
+    let stands = standing.iter().filter(|s| **s).count() >= 8;
+    let pick = |what: fn(&Level) -> f64| -> Option<f64> {
+        if stands {
             // between what rest and road look like; where they mix, nearer to rest
-            let rest = quantile(of(&standing, k), 0.5)?;
-            let road = quantile(of(&moving, k), 0.02).unwrap_or(f64::INFINITY);
+            let rest = quantile(of(&standing, what), 0.5)?;
+            let road = quantile(of(&moving, what), 0.02).unwrap_or(f64::INFINITY);
             Some((rest * road).sqrt().clamp(1.5 * rest, 3.0 * rest))
         } else if gnss.is_empty() {
-            quantile(levels.iter().map(|l| if k == 0 { l.1 } else { l.2 }).collect(), 0.02).map(|q| 3.0 * q)
+            quantile(levels.iter().map(what).collect(), 0.02).map(|q| 3.0 * q)
         } else {
             None
         }
     };
-    Some((pick(0)?, pick(1)?))
+    let (turning, shaking) = (pick(|l| l.turning)?, pick(|l| l.shaking)?);
+    let resting: Vec<bool> =
+        if stands { standing } else { levels.iter().map(|l| l.turning <= turning && l.shaking <= shaking).collect() };
+    let force = quantile(of(&resting, |l| l.force), 0.5)?;
+    let apart = of(&resting, |l| l.force).iter().map(|f| (f - force).abs()).collect();
+    Some((Level { time_s: 0.0, turning, shaking, force }, FORCE_MPS2.max(3.0 * quantile(apart, 0.75)?)))
 }

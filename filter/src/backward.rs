@@ -35,8 +35,10 @@ pub(crate) fn backward(
         if !record.mean.is_empty() {
             place -= 1;
             // standard deviations of parameters change slowly: every eighth node has its own
-            let sigma =
-                nodes.last().filter(|_| place % PARAMETERS_EVERY != 0).map(|n: &SmoothedNode| &n.parameter_sigma);
+            let sigma = nodes
+                .last()
+                .filter(|_| !place.is_multiple_of(PARAMETERS_EVERY))
+                .map(|n: &SmoothedNode| &n.parameter_sigma);
             let (node, moved) = smooth(layout, &record, &nominals[place], &adjoint, sigma);
             largest = largest.max(moved);
             nodes.push(node);

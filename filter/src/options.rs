@@ -254,9 +254,9 @@ impl Options {
         one(layout.odometer_scale, self.odometer.map_or(0.0, |o| o.scale_sigma));
         let mounting = self.constraint.unwrap_or_default().mounting_sigma_rad;
         let slip = self.constraint.unwrap_or_default().slip_sigma_mps;
-        for k in 0..2 {
+        for (k, slip) in slip.into_iter().enumerate() {
             one(layout.mounting.map(|at| at + k), mounting);
-            one(layout.slip.map(|at| at + k), slip[k]);
+            one(layout.slip.map(|at| at + k), slip);
         }
         sigma.iter().map(|s| s * s).collect()
     }

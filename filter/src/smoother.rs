@@ -8,9 +8,9 @@ use crate::innovation::{Innovation, MeasurementKind};
 use crate::options::{InitialState, Options};
 use crate::rest::{Rest, find};
 use crate::solution::{Solution, TieUse};
-use crate::state::{Layout, Nominal};
+use crate::state::Nominal;
 use crate::tape::Tape;
-use crate::tie_plan::plan_ties;
+use crate::tie_plan::{TiePlan, plan_ties};
 
 /// Why a trajectory cannot be estimated.
 #[derive(Debug, thiserror::Error)]
@@ -119,19 +119,20 @@ impl Smoother {
                 continue;
             }
             if done {
-                let (filter_nodes, innovations) = filter.unwrap_or_default();
-                return Ok(finish(
-                    inputs,
+                let (filter, innovations) = filter.unwrap_or_default();
+                let mut solution = Solution {
                     layout,
                     nodes,
-                    filter_nodes,
+                    filter,
                     innovations,
-                    forward,
-                    ties,
+                    ties: TieUse::of_all(inputs, &ties, &forward.tie_weight),
+                    notes: notes_of(&forward, &ties, runs, change),
                     rests,
                     runs,
                     change,
-                ));
+                };
+                solution.fill_tie_residuals(inputs);
+                return Ok(solution);
             }
             reference = Some(nodes.iter().map(|n| n.nominal).collect());
         }
@@ -159,23 +160,15 @@ fn check_finite(forward: &Forward) -> Result<(), SmootherError> {
     }
 }
 
-#[allow(clippy::too_many_arguments)] // everything a solution is made of
-fn finish(
-    inputs: &Inputs,
-    layout: Layout,
-    nodes: Vec<SmoothedNode>,
-    filter: Vec<FilterNode>,
-    innovations: Vec<Innovation>,
-    forward: Forward,
-    ties: crate::tie_plan::TiePlan,
-    rests: Vec<Rest>,
-    runs: usize,
-    change: f64,
-) -> Solution {
-    let mut notes = Vec::new();
-    for (from, to) in &forward.bridged {
-        notes.push(format!("IMU gap from {from:.3} s to {to:.3} s: bridged, with the uncertainty of unseen motion"));
-    }
+/// What a run over the data has to say.
+fn notes_of(forward: &Forward, ties: &TiePlan, runs: usize, change: f64) -> Vec<String> {
+    let mut notes: Vec<String> = forward
+        .bridged
+        .iter()
+        .map(|(from, to)| {
+            format!("IMU gap from {from:.3} s to {to:.3} s: bridged, with the uncertainty of unseen motion")
+        })
+        .collect();
     let mut lost: Vec<&(f64, MeasurementKind)> = forward.lost.iter().collect();
     lost.dedup_by_key(|l| l.1);
     for (time_s, kind) in lost {
@@ -188,8 +181,5 @@ fn finish(
         notes.push(format!("after {runs} runs the solution still moved by {change:.2} sigma"));
     }
     notes.extend(ties.notes.iter().cloned());
-    let tie_use: Vec<TieUse> = TieUse::of_all(inputs, &ties, &forward.tie_weight);
-    let mut solution = Solution { layout, nodes, filter, innovations, ties: tie_use, rests, runs, change, notes };
-    solution.fill_tie_residuals(inputs);
-    solution
+    notes
 }

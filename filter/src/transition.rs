@@ -93,10 +93,9 @@ impl Transition {
     pub fn follow(&mut self, before: &Self) {
         let mut product = [[0.0; CORE]; NAV];
         for (out, row) in product.iter_mut().zip(&self.nav) {
-            for k in 0..NAV {
-                let factor = row[k];
-                for j in 0..CORE {
-                    out[j] += factor * before.nav[k][j];
+            for (factor, of_before) in row.iter().zip(&before.nav) {
+                for (o, b) in out.iter_mut().zip(of_before) {
+                    *o += factor * b;
                 }
             }
             for k in NAV..CORE {

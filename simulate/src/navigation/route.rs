@@ -112,7 +112,6 @@ impl Vehicle {
             unevenness: (0.01, 0.002),
             tremble: (0.01, 0.002),
             lane_m: 3.0,
-            ..car
         }
     }
 

@@ -14,7 +14,7 @@ const WINDOWS_S: [u32; 6] = [358_190, 358_330, 358_450, 358_560, 358_660, 358_82
 /// First fix of drive0708 \[s of week\], and the windows from it.
 const FIRST_FIX_S: f64 = 243_258.499;
 const DRIVE_WINDOWS_S: [f64; 5] = [120.0, 200.0, 300.0, 400.0, 460.0];
-/// Largest horizontal error of GNSS_IMU's combined solution in these windows \[m\].
+/// Largest horizontal error of `GNSS_IMU`'s combined solution in these windows \[m\].
 const PEER_H_MAX_M: [f64; 5] = [5.3, 281.0, 19.3, 13.3, 7.9];
 
 /// Root mean squares and maxima of one line of the judge.

@@ -7,9 +7,10 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use tieline_filter::innovation::MeasurementKind;
-use tieline_filter::{Inputs, PoseSigma, Solution, SurveyClock, Trajectory};
+use tieline_filter::solution::EpochEstimate;
+use tieline_filter::{Inputs, PositionFrame, Solution, SurveyClock, Trajectory};
 use tieline_io::output::WholeFile;
-use tieline_io::trajectory::{write_csv, write_sbet, write_smrmsg};
+use tieline_io::trajectory::{PieceFormat, PieceWriter};
 
 use crate::cli::{Common, JobArgs};
 use crate::command::project::out_folder;
@@ -29,14 +30,19 @@ pub fn solve(project: &Project, args: &JobArgs, masks: &[Mask], common: &Common,
     let solution = navigate(project, &measurements, args.memory.max(16) << 20)?;
     let solve_s = start.elapsed().as_secs_f64() - read_s;
     let (inputs, clock) = (&measurements.inputs, &measurements.clock);
-    let smoothed = solution.trajectory(inputs, 0.0)?;
-    let filtered = solution.filter_trajectory(inputs, 0.0)?;
     std::fs::create_dir_all(&folder)
         .with_context(|| format!("the output folder {} cannot be created", folder.display()))?;
-    write_csv(&folder.join("trajectory.csv"), &smoothed, clock)?;
-    write_csv(&folder.join("forward.csv"), &filtered, clock)?;
-    write_sbet(&folder.join("trajectory.sbet"), &smoothed)?;
-    write_smrmsg(&folder.join("trajectory_rms.out"), &smoothed)?;
+    let csv = |name: &str| PieceWriter::create(&folder.join(name), PieceFormat::Csv(*clock));
+    let smoothed = write_epochs(
+        solution.epochs(inputs),
+        solution.clock_offset_s(),
+        vec![
+            csv("trajectory.csv")?,
+            PieceWriter::create(&folder.join("trajectory.sbet"), PieceFormat::Sbet)?,
+            PieceWriter::create(&folder.join("trajectory_rms.out"), PieceFormat::Smrmsg)?,
+        ],
+    )?;
+    write_epochs(solution.filter_epochs(inputs), solution.clock_offset_s(), vec![csv("forward.csv")?])?;
     whole(&folder.join("innovations.csv"), |w| innovations(w, &solution, clock))?;
     whole(&folder.join("states.csv"), |w| states(w, &solution, clock))?;
     let write_s = start.elapsed().as_secs_f64() - read_s - solve_s;
@@ -63,6 +69,75 @@ pub fn solve(project: &Project, args: &JobArgs, masks: &[Mask], common: &Common,
     Ok(())
 }
 
+/// Epochs that are in memory at a time.
+const PIECE: usize = 1 << 16;
+
+/// What is to be said of a trajectory as a whole.
+#[derive(Debug, Clone, Copy, Default)]
+struct Written {
+    epochs: usize,
+    span_s: (f64, f64),
+    /// Root mean squares of the standard deviations.
+    position_sigma_m: [f64; 3],
+    attitude_sigma_rad: [f64; 3],
+}
+
+/// Writes epochs in GPS time, piece by piece.
+#[allow(clippy::cast_precision_loss)]
+fn write_epochs(
+    epochs: impl Iterator<Item = EpochEstimate>,
+    clock_offset_s: f64,
+    mut writers: Vec<PieceWriter>,
+) -> Result<Written> {
+    let mut written = Written::default();
+    let mut piece: Vec<EpochEstimate> = Vec::with_capacity(PIECE + 2);
+    let mut done = 0; // epochs of the piece that are written already: those an SBET looks back at
+    let mut epochs = epochs.peekable();
+    while let Some(mut epoch) = epochs.next() {
+        epoch.nav.time_s -= clock_offset_s;
+        if written.epochs == 0 {
+            written.span_s.0 = epoch.nav.time_s;
+        }
+        written.epochs += 1;
+        written.span_s.1 = epoch.nav.time_s;
+        for k in 0..3 {
+            written.position_sigma_m[k] += epoch.sigma.position_ned_m[k].powi(2);
+            written.attitude_sigma_rad[k] += epoch.sigma.attitude_rph_rad[k].powi(2);
+        }
+        piece.push(epoch);
+        let last = epochs.peek().is_none();
+        if piece.len() > PIECE || last {
+            let trajectory = trajectory_of(&piece)?;
+            // but for the last piece, its last epoch waits for the one after it
+            let to = if last { piece.len() } else { piece.len() - 1 };
+            for writer in &mut writers {
+                writer.append(&trajectory, done..to)?;
+            }
+            let keep = piece.len().saturating_sub(2);
+            piece.drain(..keep);
+            done = 1;
+        }
+    }
+    for writer in writers {
+        writer.finish()?;
+    }
+    let root = |sum: f64| (sum / written.epochs.max(1) as f64).sqrt();
+    written.position_sigma_m = written.position_sigma_m.map(root);
+    written.attitude_sigma_rad = written.attitude_sigma_rad.map(root);
+    Ok(written)
+}
+
+fn trajectory_of(piece: &[EpochEstimate]) -> Result<Trajectory> {
+    let trajectory = Trajectory::new(
+        PositionFrame::Geodetic,
+        piece.iter().map(|e| e.nav.time_s).collect(),
+        piece.iter().map(|e| e.nav.geodetic).collect(),
+        piece.iter().map(|e| e.nav.ned_from_body).collect(),
+        piece.iter().map(|e| e.nav.velocity_ned_mps).collect(),
+    )?;
+    Ok(trajectory.with_sigma(piece.iter().map(|e| e.sigma).collect())?)
+}
+
 /// Writes a file whole or not at all.
 fn whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
     let context = || format!("{} cannot be written", path.display());
@@ -72,37 +147,23 @@ fn whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>)
 }
 
 /// A few lines for a person.
-fn tell(out: &mut impl Write, solution: &Solution, smoothed: &Trajectory) -> Result<()> {
-    let (from_s, to_s) = smoothed.span_s();
+fn tell(out: &mut impl Write, solution: &Solution, smoothed: &Written) -> Result<()> {
     writeln!(
         out,
         "{} epochs over {:.0} s, {} rests, {} runs (last change {:.3} sigma)",
-        smoothed.len(),
-        to_s - from_s,
+        smoothed.epochs,
+        smoothed.span_s.1 - smoothed.span_s.0,
         solution.rests.len(),
         solution.runs,
         solution.change
     )?;
-    let rms = |of: fn(&PoseSigma) -> [f64; 3]| root_mean_square(smoothed.sigma().iter().map(of));
-    let [n, e, d] = rms(|s| s.position_ned_m.into());
-    let [roll, pitch, heading] = rms(|s| s.attitude_rph_rad.into()).map(f64::to_degrees);
+    let [n, e, d] = smoothed.position_sigma_m;
+    let [roll, pitch, heading] = smoothed.attitude_sigma_rad.map(f64::to_degrees);
     writeln!(
         out,
         "sigma: north {n:.3} m, east {e:.3} m, down {d:.3} m, roll {roll:.4}°, pitch {pitch:.4}°, heading {heading:.4}° (rms)"
     )?;
     Ok(())
-}
-
-#[allow(clippy::cast_precision_loss)]
-fn root_mean_square(values: impl Iterator<Item = [f64; 3]>) -> [f64; 3] {
-    let (mut sum, mut count) = ([0.0; 3], 0_usize);
-    for value in values {
-        for (s, v) in sum.iter_mut().zip(value) {
-            *s += v * v;
-        }
-        count += 1;
-    }
-    sum.map(|s| (s / count.max(1) as f64).sqrt())
 }
 
 /// GPS seconds of week of a survey time.
@@ -160,7 +221,7 @@ fn summary(
     project: &Project,
     solution: &Solution,
     inputs: &Inputs,
-    smoothed: &Trajectory,
+    smoothed: &Written,
     notes: &[String],
     timing: &[(&str, f64)],
 ) -> serde_json::Value {
@@ -197,9 +258,8 @@ fn summary(
                 .collect()
         })
         .unwrap_or_default();
-    let position = root_mean_square(smoothed.sigma().iter().map(|s| s.position_ned_m.into()));
-    let attitude = root_mean_square(smoothed.sigma().iter().map(|s| s.attitude_rph_rad.into())).map(f64::to_degrees);
-    let (from_s, to_s) = smoothed.span_s();
+    let attitude_deg = smoothed.attitude_sigma_rad.map(f64::to_degrees);
+    let (from_s, to_s) = smoothed.span_s;
     let rejected =
         |kind: MeasurementKind| solution.innovations.iter().filter(|i| i.kind == kind && i.weight <= 0.0).count();
     let stages: serde_json::Map<String, serde_json::Value> =
@@ -213,9 +273,9 @@ fn summary(
             "known_points": inputs.points.len(), "ties": inputs.ties.len(),
         },
         "trajectory": {
-            "epochs": smoothed.len(), "from_s": from_s, "to_s": to_s, "runs": solution.runs,
+            "epochs": smoothed.epochs, "from_s": from_s, "to_s": to_s, "runs": solution.runs,
             "last_change_sigma": if solution.change.is_finite() { solution.change } else { -1.0 },
-            "sigma_position_ned_m": position, "sigma_roll_pitch_heading_deg": attitude,
+            "sigma_position_ned_m": smoothed.position_sigma_m, "sigma_roll_pitch_heading_deg": attitude_deg,
             "clock_offset_s": solution.clock_offset_s(),
             "rests_s": solution.rests.iter().map(|r| [r.start_s, r.end_s]).collect::<Vec<_>>(),
             "gnss_left_out": rejected(MeasurementKind::Position),

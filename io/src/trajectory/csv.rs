@@ -6,6 +6,7 @@
 //! the digits that lead back to the same f64.
 
 use std::io::{self, Write};
+use std::ops::Range;
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -14,8 +15,7 @@ use tieline_filter::frames::roll_pitch_heading_rad;
 use tieline_filter::{PositionFrame, SurveyClock, Trajectory};
 
 use super::error::TrajectoryFileError;
-use super::sbet::need_frame;
-use crate::output::WholeFile;
+use super::writer::PieceFormat;
 
 /// Writes a geodetic trajectory on the survey clock as `trajectory.csv`, whole or not at all. While the clock does
 /// not know its week, `gps_week` is 0 and times past the week's end stay as they are.
@@ -23,20 +23,27 @@ use crate::output::WholeFile;
 /// # Errors
 /// [`TrajectoryFileError::WrongFrame`] for map positions; [`TrajectoryFileError::Io`] when the disk refuses.
 pub fn write_csv(path: &Path, trajectory: &Trajectory, clock: &SurveyClock) -> Result<(), TrajectoryFileError> {
-    need_frame(path, trajectory, PositionFrame::Geodetic)?;
-    let mut file = WholeFile::create(path).map_err(TrajectoryFileError::io(path))?;
-    rows(file.writer(), trajectory, clock).map_err(TrajectoryFileError::io(path))?;
-    file.finish().map_err(TrajectoryFileError::io(path))
+    super::writer::write_all(path, trajectory, PieceFormat::Csv(*clock))
 }
 
-fn rows(out: &mut impl Write, trajectory: &Trajectory, clock: &SurveyClock) -> io::Result<()> {
+pub(super) fn header(out: &mut impl Write, with_sigma: bool) -> io::Result<()> {
     write!(out, "gps_week,gps_time_s,lat_deg,lon_deg,h_m,vn_mps,ve_mps,vd_mps,roll_deg,pitch_deg,heading_deg")?;
-    if !trajectory.sigma().is_empty() {
+    if with_sigma {
         write!(out, ",sigma_n_m,sigma_e_m,sigma_d_m,sigma_vn_mps,sigma_ve_mps,sigma_vd_mps")?;
         write!(out, ",sigma_roll_deg,sigma_pitch_deg,sigma_heading_deg")?;
     }
-    writeln!(out)?;
-    for (index, &time_s) in trajectory.time_s().iter().enumerate() {
+    writeln!(out)
+}
+
+pub(super) fn rows(
+    out: &mut impl Write,
+    trajectory: &Trajectory,
+    epochs: Range<usize>,
+    with_sigma: bool,
+    clock: &SurveyClock,
+) -> io::Result<()> {
+    for index in epochs {
+        let time_s = trajectory.time_s()[index];
         match clock.gps_time(time_s) {
             Some(time) => write!(out, "{},{}", time.week, time.seconds_of_week)?,
             None => write!(out, "0,{time_s}")?,
@@ -47,7 +54,7 @@ fn rows(out: &mut impl Write, trajectory: &Trajectory, clock: &SurveyClock) -> i
         write!(out, ",{},{},{}", velocity.x, velocity.y, velocity.z)?;
         let (roll, pitch, heading) = roll_pitch_heading_rad(&trajectory.ned_from_body()[index]);
         write!(out, ",{},{},{}", roll.to_degrees(), pitch.to_degrees(), heading.to_degrees())?;
-        if let Some(sigma) = trajectory.sigma().get(index) {
+        if let Some(sigma) = trajectory.sigma().get(index).filter(|_| with_sigma) {
             for value in sigma.position_ned_m.iter().chain(&sigma.velocity_ned_mps) {
                 write!(out, ",{value}")?;
             }

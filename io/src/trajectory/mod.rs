@@ -26,6 +26,7 @@ pub mod sbet;
 pub mod smrmsg;
 pub mod text;
 pub mod trj;
+mod writer;
 
 pub use csv::write_csv;
 pub use error::{Place, TrajectoryFileError};
@@ -34,3 +35,4 @@ pub(crate) use records::{LATEST_ADJUSTED_S, LONGEST_WEEK_TIME_S};
 pub use sbet::write_sbet;
 pub use smrmsg::write_smrmsg;
 pub use trj::write_trj;
+pub use writer::{PieceFormat, PieceWriter};

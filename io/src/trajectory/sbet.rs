@@ -15,7 +15,7 @@
 
 use std::f64::consts::{PI, TAU};
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -25,7 +25,7 @@ use tieline_filter::{PositionFrame, Trajectory};
 use super::error::{Place, TrajectoryFileError};
 use super::file::{HeadingReference, TrajectoryFile, TrajectoryFormat};
 use super::records::{Epoch, Records};
-use crate::output::WholeFile;
+use super::writer::PieceFormat;
 
 /// Bytes of a record.
 pub const RECORD_BYTES: usize = 17 * 8;
@@ -135,13 +135,7 @@ fn epoch(values: &[f64; 17]) -> Epoch {
 /// # Errors
 /// [`TrajectoryFileError::WrongFrame`] for map positions; [`TrajectoryFileError::Io`] when the disk refuses.
 pub fn write_sbet(path: &Path, trajectory: &Trajectory) -> Result<(), TrajectoryFileError> {
-    need_frame(path, trajectory, PositionFrame::Geodetic)?;
-    let mut file = WholeFile::create(path).map_err(TrajectoryFileError::io(path))?;
-    for index in 0..trajectory.len() {
-        let record = record(trajectory, index).map(|v| f64::from_bits(v.to_bits().to_le()));
-        file.writer().write_all(bytemuck::cast_slice(&record)).map_err(TrajectoryFileError::io(path))?;
-    }
-    file.finish().map_err(TrajectoryFileError::io(path))
+    super::writer::write_all(path, trajectory, PieceFormat::Sbet)
 }
 
 /// Refuses a trajectory in another frame than the format holds.
@@ -157,7 +151,7 @@ pub(super) fn need_frame(
 }
 
 /// The 17 numbers of an epoch.
-fn record(trajectory: &Trajectory, index: usize) -> [f64; 17] {
+pub(super) fn record(trajectory: &Trajectory, index: usize) -> [f64; 17] {
     let ned_from_body = trajectory.ned_from_body()[index];
     let (roll, pitch, heading) = roll_pitch_heading_rad(&ned_from_body);
     let (before, after) = (index.saturating_sub(1), (index + 1).min(trajectory.len() - 1));

@@ -10,7 +10,7 @@
 //! It has fewer epochs than its SBET (1 Hz against 200 Hz): it is joined **by time**, never by index.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
@@ -20,7 +20,7 @@ use tieline_filter::{PoseSigma, PositionFrame, Trajectory};
 use super::error::{Place, TrajectoryFileError};
 use super::records::{Epoch, Records};
 use super::sbet::next_record;
-use crate::output::WholeFile;
+use super::writer::{PieceFormat, PieceWriter};
 
 /// Bytes of a record.
 pub const RECORD_BYTES: usize = 10 * 8;
@@ -154,12 +154,14 @@ pub fn write_smrmsg(path: &Path, trajectory: &Trajectory) -> Result<(), Trajecto
     if trajectory.sigma().is_empty() {
         return Err(TrajectoryFileError::NoSigma { path: path.to_path_buf() });
     }
-    let mut file = WholeFile::create(path).map_err(TrajectoryFileError::io(path))?;
-    for (&time_s, sigma) in trajectory.time_s().iter().zip(trajectory.sigma()) {
-        let (p, v, a) = (sigma.position_ned_m, sigma.velocity_ned_mps, sigma.attitude_rph_rad / ARC_MINUTE_RAD);
-        let record = [time_s, p.x, p.y, p.z, v.x, v.y, v.z, a.x, a.y, a.z];
-        let record = record.map(|v| f64::from_bits(v.to_bits().to_le()));
-        file.writer().write_all(bytemuck::cast_slice(&record)).map_err(TrajectoryFileError::io(path))?;
-    }
-    file.finish().map_err(TrajectoryFileError::io(path))
+    let mut writer = PieceWriter::create(path, PieceFormat::Smrmsg)?;
+    writer.append(trajectory, 0..trajectory.len())?;
+    writer.finish()
+}
+
+/// The ten numbers of an epoch.
+pub(super) fn record(trajectory: &Trajectory, index: usize) -> [f64; 10] {
+    let sigma = &trajectory.sigma()[index];
+    let (p, v, a) = (sigma.position_ned_m, sigma.velocity_ned_mps, sigma.attitude_rph_rad / ARC_MINUTE_RAD);
+    [trajectory.time_s()[index], p.x, p.y, p.z, v.x, v.y, v.z, a.x, a.y, a.z]
 }

@@ -55,7 +55,6 @@ fn motion() -> MotionNow {
 }
 
 /// Compares rows with differences of the residual; states that a residual does not depend on must have no entry.
-/// `clones` are states behind the base, with what the residual changes by per unit of them.
 fn compare(name: &str, of: impl Fn(&Nominal, &MotionNow) -> Measurement, tolerance: f64) {
     let layout = layout();
     let rows = of(&nominal(), &motion()).rows;

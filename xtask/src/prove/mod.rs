@@ -2,6 +2,7 @@
 
 mod commands;
 mod filter;
+mod filter_statistics;
 mod real;
 mod same;
 mod statistics;
@@ -51,11 +52,15 @@ pub(crate) fn strips(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on the smoother.
 pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 6] = [
+    let proofs: [(&str, Proof); 10] = [
         ("1 mechanisation", commands::mechanisation),
         ("2 whu-sim27", filter::whole),
         ("3 outages", filter::outages),
         ("4 a real car", filter::car),
+        ("5 honesty", filter_statistics::honesty),
+        ("6 loop ties", filter_statistics::loop_ties),
+        ("6 height increments", filter_statistics::height_increments),
+        ("7 false ties", filter_statistics::false_ties),
         ("8 speed", commands::smoother_speed),
         ("9 mistakes a person makes", commands::navigation_mistakes),
     ];

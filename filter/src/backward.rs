@@ -1,5 +1,6 @@
 //! The backward pass over the tape.
 
+use crate::doubt::{Judged, TieUpdate, judge};
 use crate::kalman::{Adjoint, smoothed};
 use crate::smoother::SmootherError;
 use crate::state::{Layout, NAV, Nominal};
@@ -16,7 +17,8 @@ pub struct SmoothedNode {
     pub parameter_sigma: Vec<f64>,
 }
 
-/// Runs back over the tape. Gives the nodes, and the largest change over sigma against what was linearised at.
+/// Runs back over the tape. Gives the nodes, the largest change over sigma against what was linearised at, and how the
+/// sightings of ties fare against all the rest.
 ///
 /// # Errors
 /// When the temporary file cannot be read.
@@ -25,10 +27,13 @@ pub(crate) fn backward(
     tape: &mut Tape,
     nominals: &[Nominal],
     slots: usize,
-) -> Result<(Vec<SmoothedNode>, f64), SmootherError> {
+    (tie_updates, false_alarm): (&[TieUpdate], f64),
+) -> Result<(Vec<SmoothedNode>, f64, Vec<Judged>), SmootherError> {
     let mut adjoint = Adjoint::new(layout.base, slots);
     let mut nodes = Vec::with_capacity(nominals.len());
     let mut largest: f64 = 0.0;
+    let mut judged = Vec::with_capacity(tie_updates.len());
+    let mut waiting = tie_updates.iter().rev().peekable();
     let mut place = nominals.len();
     for index in (0..tape.len()).rev() {
         let record = tape.read(index)?;
@@ -43,16 +48,21 @@ pub(crate) fn backward(
             largest = largest.max(moved);
             nodes.push(node);
         }
-        for operation in record.operations.iter().rev() {
+        for (number, operation) in record.operations.iter().enumerate().rev() {
             match operation {
-                Operation::Update(update) => adjoint.back_through_update(update),
+                Operation::Update(update) => {
+                    if let Some(tie) = waiting.next_if(|t| t.place == (index, number)) {
+                        judged.extend(judge(&adjoint, update, tie, false_alarm));
+                    }
+                    adjoint.back_through_update(update);
+                }
                 Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }
         adjoint.back_through_transition(&record.transition, layout.base);
     }
     nodes.reverse();
-    Ok((nodes, largest))
+    Ok((nodes, largest, judged))
 }
 
 /// Nodes from one with its own standard deviations of parameters to the next.

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::doubt::{LEFT_OUT_WEIGHT, TieUpdate, Trust};
 use crate::earth::ecef_from_geodetic;
 use crate::events::{CONSTRAINT_SPEED_MPS, Event, EventDelays, EventKind, Inputs};
 use crate::innovation::{Innovation, LOST_AFTER, MeasurementKind, take_in};
@@ -26,6 +27,8 @@ pub(crate) struct Plan<'a> {
     pub initial: &'a InitialState,
     /// Nominals of the nodes to linearise at, and what the first was before: a run before this one.
     pub reference: Option<&'a [Nominal]>,
+    /// Weights of sightings, from a run before; without, their innovations are tested.
+    pub trust: Option<&'a Trust>,
 }
 
 /// A node as the filter saw it.
@@ -45,6 +48,7 @@ pub(crate) struct Forward {
     pub innovations: Vec<Innovation>,
     /// Weight that each sighting of a tie got, by tie and sighting.
     pub tie_weight: HashMap<(usize, usize), f64>,
+    pub tie_updates: Vec<TieUpdate>,
     pub lost: Vec<(f64, MeasurementKind)>,
     pub bridged: Vec<(f64, f64)>,
 }
@@ -65,6 +69,7 @@ struct Run<'a> {
     origin_ecef_m: Vector3<f64>,
     rejected: HashMap<MeasurementKind, usize>,
     operations: Vec<Operation>,
+    records: usize,
     result: Forward,
 }
 
@@ -97,6 +102,7 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         origin_ecef_m: ecef_from_geodetic(&plan.initial.nav.geodetic),
         rejected: HashMap::new(),
         operations: Vec::new(),
+        records: 0,
         result: Forward::default(),
     };
     run.node(tape, true)?;
@@ -162,6 +168,7 @@ impl Run<'_> {
             covariance_rows,
         };
         tape.push(&record)?;
+        self.records += 1;
         let nominal = self.propagator.nominal;
         let mut estimate = nominal;
         estimate.shift(self.plan.layout, &self.gaussian.mean()[..base]);
@@ -263,11 +270,13 @@ impl Run<'_> {
     /// Tests a measurement and takes it in; gives the weight it got.
     fn take(&mut self, m: Measurement, event: &Event, kind: MeasurementKind) -> Result<f64, SmootherError> {
         let rejected = self.rejected.entry(kind).or_default();
-        let forced = *rejected >= LOST_AFTER && kind != MeasurementKind::Tie;
+        let judged = kind == MeasurementKind::Tie && self.plan.trust.is_some();
+        let lost = *rejected >= LOST_AFTER && kind != MeasurementKind::Tie;
+        let forced = lost || judged;
         let at = (event.time_s, kind);
         let (innovation, record) = take_in(&mut self.gaussian, m, at, self.plan.options.false_alarm, forced)
             .map_err(|_| SmootherError::NoVariance { kind: kind.as_str(), time_s: event.time_s })?;
-        if forced {
+        if lost {
             self.result.lost.push(at);
         }
         *rejected = if innovation.weight > 0.0 { 0 } else { *rejected + 1 };
@@ -280,6 +289,22 @@ impl Run<'_> {
         Ok(weight)
     }
 
+    /// Takes a comparison of sightings in, with the weight that the run before found for it.
+    fn compare(&mut self, mut m: Measurement, event: &Event, sighting: (usize, usize)) -> Result<(), SmootherError> {
+        let noise = m.noise.clone();
+        let trusted = self.plan.trust.and_then(|t| t.get(&sighting).copied()).unwrap_or(1.0);
+        m.noise.iter_mut().for_each(|r| *r /= trusted);
+        let operations = self.operations.len();
+        let tested = self.take(m, event, MeasurementKind::Tie)?;
+        let weight = trusted * tested;
+        if self.operations.len() > operations {
+            let place = (self.records, operations);
+            self.result.tie_updates.push(TieUpdate { place, sighting, time_s: event.time_s, weight, noise });
+        }
+        self.result.tie_weight.insert(sighting, if weight > LEFT_OUT_WEIGHT { weight } else { 0.0 });
+        Ok(())
+    }
+
     /// A sighting of a tie: the first lets its states enter, the others compare, the last lets them leave.
     fn sighting(&mut self, t: usize, s: usize, event: &Event) -> Result<(), SmootherError> {
         let tie = &self.plan.inputs.ties[t];
@@ -290,9 +315,7 @@ impl Run<'_> {
         let rank = values.len();
         if let Some(known) = &tie.known_m {
             let residual = known.iter().zip(&values).map(|(k, v)| k - v).collect();
-            let weight = self.take(Measurement { residual, rows, noise }, event, MeasurementKind::Tie)?;
-            self.result.tie_weight.insert((t, s), weight);
-            return Ok(());
+            return self.compare(Measurement { residual, rows, noise }, event, (t, s));
         }
         let last = s + 1 == tie.sightings.len();
         let delayed = self.plan.options.ties.form == TieForm::Delayed;
@@ -322,8 +345,7 @@ impl Run<'_> {
         } else {
             tie::against_landmark(&values, &rows, &noise, &live.states[0].1, &live.states[0].2)
         };
-        let weight = self.take(measurement, event, MeasurementKind::Tie)?;
-        self.result.tie_weight.insert((t, s), weight);
+        self.compare(measurement, event, (t, s))?;
         if last {
             for (_, slots, _) in &live.states {
                 for at in slots {

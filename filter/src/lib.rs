@@ -22,6 +22,7 @@ pub mod aiding;
 pub mod align;
 pub mod backward;
 pub mod correction;
+mod doubt;
 pub mod earth;
 pub mod events;
 pub mod forward;

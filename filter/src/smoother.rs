@@ -2,6 +2,7 @@
 
 use crate::align::{AlignError, align};
 use crate::backward::{SmoothedNode, backward};
+use crate::doubt::{Trust, after, after_first};
 use crate::events::{EventDelays, Inputs, collect};
 use crate::forward::{EXTRA_SLOTS, FilterNode, Forward, Plan, run};
 use crate::innovation::{Innovation, MeasurementKind};
@@ -81,6 +82,7 @@ impl Smoother {
             EventDelays { position_s: options.gnss.delay_s.0, velocity_s: options.gnss.velocity_delay_s.0 };
         let mut reference: Option<Vec<Nominal>> = None;
         let mut filter: Option<(Vec<FilterNode>, Vec<Innovation>)> = None;
+        let mut trust: Option<Trust> = None;
         let (mut runs, mut moves) = (0, 0);
         let mut change = f64::INFINITY;
         loop {
@@ -93,19 +95,28 @@ impl Smoother {
                 delays,
                 initial,
                 reference: reference.as_deref(),
+                trust: trust.as_ref(),
             };
             let mut tape = Tape::new(layout.base, options.memory_bytes);
             let forward = run(plan, &mut tape)?;
             check_finite(&forward)?;
             let slots = options.ties.most_live + EXTRA_SLOTS;
-            let (nodes, moved) = backward(&layout, &mut tape, &forward.nominals, slots)?;
+            let ties_judged = (&forward.tie_updates[..], options.false_alarm);
+            let (nodes, moved, judged) = backward(&layout, &mut tape, &forward.nominals, slots, ties_judged)?;
+            let next_trust = match &trust {
+                None => after_first(&forward.tie_weight, &judged, options.false_alarm),
+                Some(trust) => after(trust, &judged),
+            };
+            let settled = trust
+                .as_ref()
+                .is_none_or(|t| t.len() == next_trust.len() && t.keys().all(|k| next_trust.contains_key(k)));
             runs += 1;
             if reference.is_some() {
                 change = moved;
             } else {
                 filter = Some((forward.nodes.clone(), forward.innovations.clone()));
             }
-            let done = runs >= options.most_runs || change < SETTLED;
+            let done = runs >= options.most_runs || (change < SETTLED && settled);
             let moved_delays = delays_of(&nodes);
             let moved = |a: f64, b: f64, estimated: bool| estimated && (a - b).abs() > DELAY_MOVED_S;
             let late = moved(moved_delays.position_s, delays.position_s, layout.gnss_delay.is_some())
@@ -115,6 +126,7 @@ impl Smoother {
                 // events move to their new times: a fresh run, with nodes of its own
                 delays = moved_delays;
                 reference = None;
+                trust = None;
                 change = f64::INFINITY;
                 continue;
             }
@@ -135,6 +147,7 @@ impl Smoother {
                 return Ok(solution);
             }
             reference = Some(nodes.iter().map(|n| n.nominal).collect());
+            trust = Some(next_trust);
         }
     }
 }

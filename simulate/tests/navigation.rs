@@ -1,9 +1,9 @@
 //! The simulator of GNSS/INS data against the mechanisation, and the filter's derivatives against differences.
 
-use tieline_filter::NavState;
 use tieline_filter::state::nav_minus;
 use tieline_filter::strapdown::{ImuErrors, Increment, Locality, advance};
-use tieline_simulate::navigation::{Motion, Vehicle, ideal_increments};
+use tieline_filter::{ImuGrade, NavState, Options, Smoother};
+use tieline_simulate::navigation::{LoopScenario, Motion, NavigationScenario, Vehicle, ideal_increments};
 
 /// Runs the mechanisation over ideal increments from the exact state.
 fn mechanised(motion: &Motion, (start_s, end_s): (f64, f64), rate_hz: f64) -> NavState {
@@ -32,4 +32,30 @@ fn error_free_increments_from_the_exact_state_stay_on_the_truth() {
             }
         }
     }
+}
+
+#[test]
+fn false_ties_within_an_outage_are_found_and_no_others() {
+    let grade = ImuGrade::LeadorA15;
+    let mut scenario = NavigationScenario::car(grade.noise(), 450.0, 3);
+    scenario.imu.rate_hz = 50.0;
+    scenario.gnss.outages_s = vec![(1300.0, 1413.0)];
+    scenario.loops = vec![LoopScenario {
+        first_s: (1338.0, 1375.0),
+        again_s: vec![(1062.0, 1252.0)],
+        interval_s: 2.5,
+        near_m: 2.0,
+        sigma_m: 0.01,
+        blunders: (0.0, 0.5),
+    }];
+    let clean = scenario.simulate().expect("a drive").inputs;
+    scenario.loops[0].blunders.0 = 0.05;
+    let inputs = scenario.simulate().expect("the same drive").inputs;
+    let mut options = Options::new(grade.noise());
+    options.gnss.lever_arm_m = scenario.gnss.lever_arm_m;
+    let solution = Smoother::run(&inputs, &options).expect("a solution");
+    let is_false: Vec<bool> = inputs.ties.iter().zip(&clean.ties).map(|(a, b)| a != b).collect();
+    let left_out: Vec<bool> = solution.ties.iter().map(|t| t.weights[1] < 0.5).collect();
+    assert!(is_false.iter().filter(|f| **f).count() >= 2);
+    assert_eq!(left_out, is_false);
 }

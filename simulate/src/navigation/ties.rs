@@ -43,6 +43,16 @@ pub struct IncrementScenario {
     pub blunders: (f64, f64),
 }
 
+/// Whether a tie is a false one: of as many as the share says, one is, at a place of chance.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn is_false(share: f64, number: u64, seed: u64) -> bool {
+    if share <= 0.0 {
+        return false;
+    }
+    let block = (1.0 / share).round().max(1.0) as u64;
+    Random::new(seed, &[71, number / block]).below(block) == number % block
+}
+
 /// A sighting of a plane from the motion at a time: `hit` is where the beam ends, `error_m` what is measured too far along
 /// the normal.
 fn sighting(
@@ -99,7 +109,7 @@ impl LoopScenario {
             for (normal, away) in planes {
                 let normal = (axes * normal).normalize();
                 let point = place + axes * away;
-                let is_false = random.uniform() < self.blunders.0;
+                let is_false = is_false(self.blunders.0, ties.len() as u64, seed);
                 let wrong = usize::try_from(random.below(times.len() as u64)).unwrap_or(0);
                 let size = if random.uniform() < 0.5 { self.blunders.1 } else { -self.blunders.1 };
                 let mut sightings: Vec<Sighting> = times
@@ -154,7 +164,7 @@ impl IncrementScenario {
                 let axes = ecef_from_ned(&middle);
                 let up = -axes.column(2).into_owned();
                 let point = middle - up * 2.0;
-                let is_false = random.uniform() < self.blunders.0;
+                let is_false = is_false(self.blunders.0, u64::from(k), seed);
                 let size = if random.uniform() < 0.5 { self.blunders.1 } else { -self.blunders.1 };
                 let beyond = self.bias_m + if is_false { size } else { 0.0 };
                 let sightings = [(from_s, 0.0), (from_s + self.apart_s, -beyond)]

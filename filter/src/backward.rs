@@ -1,7 +1,7 @@
 //! The backward pass over the tape.
 
+use crate::adjoint::{Adjoint, smoothed};
 use crate::doubt::{Judged, TieUpdate, judge};
-use crate::kalman::{Adjoint, smoothed};
 use crate::smoother::SmootherError;
 use crate::state::{Layout, NAV, Nominal};
 use crate::tape::{NodeRecord, Operation, Tape};

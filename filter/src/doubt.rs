@@ -11,8 +11,9 @@
 
 use std::collections::HashMap;
 
+use crate::adjoint::Adjoint;
 use crate::innovation::chi_squared_limit;
-use crate::kalman::{Adjoint, UpdateRecord, invert};
+use crate::kalman::{UpdateRecord, invert};
 
 /// Weight of what is left out: none for the solution, but enough to go on judging it.
 pub(crate) const LEFT_OUT_WEIGHT: f64 = 1e-10;

@@ -14,10 +14,11 @@
 //! | [`strapdown`] | the mechanisation |
 //! | [`state`], [`transition`] | the error states and how they pass from one moment to the next |
 //! | [`update`] | what each measurement predicts |
-//! | [`kalman`] | the linear algebra of filter and smoother |
+//! | [`kalman`], [`adjoint`] | the linear algebra of the filter, and of the backward pass |
 //! | [`align`], [`rest`] | where the trajectory begins, when the platform stands |
 //! | [`smoother`], [`solution`] | [`Smoother::run`] and what it gives |
 
+pub mod adjoint;
 pub mod aiding;
 pub mod align;
 pub mod backward;

@@ -1,7 +1,8 @@
 //! The smoother's algebra against dense least squares on a linear Gaussian problem, with states that enter and leave.
 
 use nalgebra::{DMatrix, DVector};
-use tieline_filter::kalman::{Adjoint, Gaussian, Measurement, smoothed};
+use tieline_filter::adjoint::{Adjoint, smoothed};
+use tieline_filter::kalman::{Gaussian, Measurement};
 use tieline_filter::state::{CORE, NAV};
 use tieline_filter::tape::Operation;
 use tieline_filter::transition::Transition;

@@ -30,8 +30,8 @@ pub enum EventKind {
     RestBegins,
     /// The velocity is zero.
     AtRest,
-    /// The attitude is still that of the beginning of the rest; the flag says whether the rest ends here.
-    NotTurned(bool),
+    /// The rest ends: its attitude is still that of its beginning.
+    NotTurned,
     /// Readings of the odometer, averaged: first and number.
     Odometer(usize, usize),
     /// The non-holonomic constraint.
@@ -131,7 +131,7 @@ pub fn collect(
             // a vehicle rocks for a moment after it stops
             if to_s - from_s > LEAST_STILL_S + ROCKING_S {
                 put(from_s + ROCKING_S, EventKind::RestBegins);
-                put(to_s, EventKind::NotTurned(true));
+                put(to_s, EventKind::NotTurned);
             }
         }
     }

@@ -224,7 +224,7 @@ impl Run<'_> {
                     )?;
                 }
             }
-            EventKind::RestBegins | EventKind::AtRest | EventKind::NotTurned(_) => self.rest(event)?,
+            EventKind::RestBegins | EventKind::AtRest | EventKind::NotTurned => self.rest(event)?,
             EventKind::Sighting(t, s) => self.sighting(t, s, event)?,
         }
         Ok(())
@@ -246,7 +246,7 @@ impl Run<'_> {
                 let m = standstill::velocity(&nominal, model.velocity_sigma_mps);
                 self.take(m, event, MeasurementKind::ZeroVelocity)?;
             }
-            EventKind::NotTurned(_) => {
+            EventKind::NotTurned => {
                 if let Some((clone, then)) = self.rest.take() {
                     let m = standstill::rotation(&nominal, &then, clone, model.sway_rad);
                     self.take(m, event, MeasurementKind::ZeroRotation)?;

@@ -127,13 +127,11 @@ pub struct TieModel {
     pub most_live: usize,
     /// Form.
     pub form: TieForm,
-    /// Seconds within which ties share the trajectory's error: nearer ones are thinned.
-    pub independent_s: f64,
 }
 
 impl Default for TieModel {
     fn default() -> Self {
-        Self { most_live: 64, form: TieForm::Landmark, independent_s: 0.1 }
+        Self { most_live: 64, form: TieForm::Landmark }
     }
 }
 
@@ -225,7 +223,8 @@ impl Options {
         parameters
     }
 
-    /// Standard deviation of the correlated GNSS error stays in units of that of a fix: 1.
+    /// Variances of the errors at the beginning, one a state of the layout, in the squares of the states' units: of the pose as
+    /// `initial` says, of the sensors as their models do. The correlated GNSS error counts in standard deviations of a fix.
     #[must_use]
     pub fn initial_variances(&self, layout: &Layout, initial: &InitialState) -> Vec<f64> {
         let mut sigma = vec![0.0; layout.base];

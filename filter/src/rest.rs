@@ -45,13 +45,7 @@ struct Level {
     force: f64,
 }
 
-/// How restless the platform is over time: time of the window's middle \[s\], restlessness of rotation \[rad/s\] and of
-/// acceleration \[m/s²\].
-#[must_use]
-pub fn restlessness(imu: &Imu) -> Vec<(f64, f64, f64)> {
-    levels_of(imu).iter().map(|l| (l.time_s, l.turning, l.shaking)).collect()
-}
-
+/// How restless the platform is, window by window.
 fn levels_of(imu: &Imu) -> Vec<Level> {
     let mut means: Vec<(f64, Vector3<f64>, Vector3<f64>)> = Vec::new();
     let mut sum = (0.0, Vector3::zeros(), Vector3::zeros());

@@ -27,11 +27,19 @@ impl Row {
         self.value >= self.low && self.value <= self.high
     }
     fn print(&self) {
-        let bound =
-            if self.low.is_finite() { format!("{} … {}", self.low, self.high) } else { format!("≤ {}", self.high) };
+        let bound = if self.low.is_finite() {
+            format!("{} … {}", tidy(self.low), tidy(self.high))
+        } else {
+            format!("≤ {}", tidy(self.high))
+        };
         let verdict = if self.passes() { "pass" } else { "FAIL" };
         println!("{:<64} {:>12.4} {:<6} bound {:<16} {verdict}", self.name, self.value, self.unit, bound);
     }
+}
+
+/// A bound without the digits that arithmetic leaves.
+fn tidy(value: f64) -> f64 {
+    if value.is_finite() { (value * 1e6).round() / 1e6 } else { value }
 }
 
 type Proof = fn() -> anyhow::Result<Vec<Row>>;

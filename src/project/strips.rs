@@ -1,0 +1,234 @@
+//! Sections of the project file on strips and their adjustment: `[[strips]]`, `[match]`, `[calibrate]`, `[solve]`, `[correct]`.
+
+use serde::{Deserialize, Serialize};
+use tieline_graph::CalibrationTerms;
+
+/// `[[strips]]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StripsSection {
+    /// File or pattern (`strips/*.laz`).
+    pub path: String,
+    /// What tells strips apart.
+    #[serde(default)]
+    pub split: SplitChoice,
+    /// Longest gap in time within a strip \[s\].
+    pub time_gap_s: Option<f64>,
+    /// Where the number of the scanner stands.
+    #[serde(default)]
+    pub scanner: ScannerChoice,
+    /// Whether these strips stay as they are.
+    #[serde(default)]
+    pub fixed: bool,
+}
+
+/// `split`: one word or a list of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum SplitChoice {
+    /// One.
+    One(SplitWord),
+    /// Several at once.
+    Several(Vec<SplitWord>),
+}
+
+impl Default for SplitChoice {
+    fn default() -> Self {
+        Self::One(SplitWord::Auto)
+    }
+}
+
+impl SplitChoice {
+    /// Whether a word is among those chosen.
+    #[must_use]
+    pub fn has(&self, word: SplitWord) -> bool {
+        match self {
+            Self::One(w) => *w == word,
+            Self::Several(words) => words.contains(&word),
+        }
+    }
+}
+
+/// What may tell strips apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SplitWord {
+    /// By the values in the files.
+    Auto,
+    /// Each file is a strip or more.
+    File,
+    /// By point source id.
+    PointSourceId,
+    /// By gaps in GPS time.
+    TimeGap,
+}
+
+/// `scanner`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ScannerChoice {
+    /// By the values in the files.
+    #[default]
+    Auto,
+    /// One scanner.
+    Single,
+    /// LAS 1.4 scanner channel.
+    Channel,
+    /// User data.
+    UserData,
+    /// One file a scanner.
+    File,
+}
+
+/// `[match]`: what is left out follows from the data.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MatchSection {
+    /// Classes that take part; all but noise and water when left out.
+    pub classes: Option<Vec<u8>>,
+    /// Classes left out.
+    pub exclude_classes: Option<Vec<u8>>,
+    /// Returns that take part.
+    pub returns: Option<ReturnsChoice>,
+    /// Scanners that take part.
+    pub scanners: Option<Vec<u16>>,
+    /// Largest scan angle \[deg\].
+    pub max_scan_angle_deg: Option<f32>,
+    /// Nearest and farthest range \[m\].
+    pub range_m: Option<[f64; 2]>,
+    /// Search area: west, south, east, north \[m\].
+    pub area_m: Option<[f64; 4]>,
+    /// Width of the smallest patch \[m\] (taken to a power of two).
+    pub patch_m: Option<f64>,
+    /// How often the smallest patch may double.
+    pub patch_levels: Option<u32>,
+    /// Fewest points of a patch.
+    pub min_points: Option<u32>,
+    /// Largest standard deviation about the plane \[m\].
+    pub max_roughness_m: Option<f64>,
+    /// Largest distance between strips \[m\].
+    pub search_m: Option<f64>,
+    /// Largest angle between normals \[deg\].
+    pub normal_angle_deg: Option<f64>,
+    /// Least spacing of ties \[m\].
+    pub min_spacing_m: Option<f64>,
+    /// Least spacing of ties of one strip in time \[s\].
+    pub min_spacing_s: Option<f64>,
+    /// Most ties.
+    pub max_ties: Option<usize>,
+    /// Share of ties held out to judge the solution.
+    pub hold_out: Option<f64>,
+    /// Seed of the choice of held-out places.
+    pub seed: Option<u64>,
+}
+
+/// `returns`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReturnsChoice {
+    /// Single and last returns.
+    Last,
+    /// Single returns.
+    Single,
+    /// All returns.
+    All,
+}
+
+/// `[calibrate]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CalibrateSection {
+    /// Whether calibration terms are estimated at all.
+    pub enabled: bool,
+    /// Three boresight angles.
+    pub boresight: bool,
+    /// Three components of the lever arm.
+    pub lever_arm: bool,
+    /// Range offset.
+    pub range_offset: bool,
+    /// Range scale.
+    pub range_scale: bool,
+    /// Prior sigma of each boresight angle \[deg\].
+    pub boresight_sigma_deg: f64,
+    /// Prior sigma of each lever arm component \[m\].
+    pub lever_arm_sigma_m: f64,
+    /// Prior sigma of the range offset \[m\].
+    pub range_offset_sigma_m: f64,
+    /// Prior sigma of the range scale \[ppm\].
+    pub range_scale_sigma_ppm: f64,
+}
+
+impl Default for CalibrateSection {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            boresight: true,
+            lever_arm: true,
+            range_offset: true,
+            range_scale: true,
+            boresight_sigma_deg: 0.1,
+            lever_arm_sigma_m: 0.05,
+            range_offset_sigma_m: 0.05,
+            range_scale_sigma_ppm: 100.0,
+        }
+    }
+}
+
+impl CalibrateSection {
+    /// The terms to estimate.
+    #[must_use]
+    pub fn terms(&self) -> CalibrationTerms {
+        if !self.enabled {
+            return CalibrationTerms::NONE;
+        }
+        CalibrationTerms {
+            boresight: self.boresight,
+            lever_arm: self.lever_arm,
+            range_offset: self.range_offset,
+            range_scale: self.range_scale,
+        }
+    }
+}
+
+/// `[solve]`
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SolveSection {
+    /// Corrections of a strip over time; `auto` takes the most flexible that the held-out ties agree with.
+    pub strips: StripModelChoice,
+    /// Spacing of knots for `spline` \[s\].
+    pub knot_spacing_s: Option<f64>,
+    /// Prior sigma of strip positions, each axis \[m\]; the trajectory's accuracy when left out.
+    pub position_sigma_m: Option<f64>,
+    /// Prior sigma of strip attitudes, each axis \[deg\].
+    pub attitude_sigma_deg: Option<f64>,
+    /// Outer iterations: ties are measured anew after each.
+    pub iterations: Option<usize>,
+    /// Names of strips that stay as they are.
+    pub fixed: Vec<String>,
+}
+
+/// `strips` in `[solve]`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StripModelChoice {
+    /// As flexible as the held-out ties agree with.
+    #[default]
+    Auto,
+    /// No strip corrections: calibration only.
+    None,
+    /// Constant.
+    Constant,
+    /// Constant and drift.
+    Linear,
+    /// Cubic spline.
+    Spline,
+}
+
+/// `[correct]`
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CorrectSection {
+    /// Scale of the output \[m\]; by the input's when left out.
+    pub scale_m: Option<f64>,
+}

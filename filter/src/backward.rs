@@ -2,9 +2,10 @@
 
 use crate::adjoint::{Adjoint, smoothed};
 use crate::doubt::{Judged, TieUpdate, judge};
+use crate::kalman::Slots;
 use crate::smoother::SmootherError;
 use crate::state::{Layout, NAV, Nominal};
-use crate::tape::{NodeRecord, Operation, Tape};
+use crate::tape::{Moments, Operation, Tape};
 
 /// A node of the smoothed solution.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,7 +27,7 @@ pub(crate) fn backward(
     layout: &Layout,
     tape: &mut Tape,
     nominals: &[Nominal],
-    slots: usize,
+    slots: Slots,
     (tie_updates, false_alarm): (&[TieUpdate], f64),
 ) -> Result<(Vec<SmoothedNode>, f64, Vec<Judged>), SmootherError> {
     let mut adjoint = Adjoint::new(layout.base, slots);
@@ -36,30 +37,32 @@ pub(crate) fn backward(
     let mut waiting = tie_updates.iter().rev().peekable();
     let mut place = nominals.len();
     for index in (0..tape.len()).rev() {
-        let record = tape.read(index)?;
-        if !record.mean.is_empty() {
+        let (record, moments) = tape.read(index)?;
+        if let Some(moments) = moments {
             place -= 1;
             // standard deviations of parameters change slowly: every eighth node has its own
             let sigma = nodes
                 .last()
                 .filter(|_| !place.is_multiple_of(PARAMETERS_EVERY))
                 .map(|n: &SmoothedNode| &n.parameter_sigma);
-            let (node, moved) = smooth(layout, &record, &nominals[place], &adjoint, sigma);
+            let (node, moved) = smooth(layout, moments, &nominals[place], &adjoint, sigma);
             largest = largest.max(moved);
             nodes.push(node);
         }
         for (number, operation) in record.operations.iter().enumerate().rev() {
             match operation {
                 Operation::Update(update) => {
+                    let deletion = adjoint.back_through_update(update);
                     if let Some(tie) = waiting.next_if(|t| t.place == (index, number)) {
-                        judged.extend(judge(&adjoint, update, tie, false_alarm));
+                        judged.extend(judge(&deletion, tie, false_alarm));
                     }
-                    adjoint.back_through_update(update);
                 }
                 Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }
-        adjoint.back_through_transition(&record.transition, layout.base);
+        if let Some(transition) = &record.transition {
+            adjoint.back_through_transition(transition, layout.base);
+        }
     }
     nodes.reverse();
     Ok((nodes, largest, judged))
@@ -71,15 +74,15 @@ const PARAMETERS_EVERY: usize = 8;
 /// A node smoothed, and its largest change over sigma against what was linearised at.
 fn smooth(
     layout: &Layout,
-    record: &NodeRecord,
+    moments: Moments<'_>,
     nominal: &Nominal,
     adjoint: &Adjoint,
     parameter_sigma: Option<&Vec<f64>>,
 ) -> (SmoothedNode, f64) {
     let base = layout.base;
     let wanted = if parameter_sigma.is_some() { NAV } else { base };
-    let states = (record.mean.len(), base, wanted);
-    let (error, covariance) = smoothed(&record.covariance_rows, &record.mean, states, adjoint);
+    let states = (moments.mean.len(), base, wanted);
+    let (error, covariance) = smoothed(moments.covariance_rows, moments.mean, states, adjoint);
     let sigma = |i: usize| covariance[i * wanted + i].max(0.0).sqrt();
     let largest = (0..NAV).map(|i| error[i].abs() / sigma(i).max(1e-12)).fold(0.0, f64::max);
     let mut nominal = *nominal;

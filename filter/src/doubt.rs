@@ -11,9 +11,9 @@
 
 use std::collections::HashMap;
 
-use crate::adjoint::Adjoint;
+use crate::adjoint::Deletion;
 use crate::innovation::chi_squared_limit;
-use crate::kalman::{UpdateRecord, invert};
+use crate::kalman::invert;
 
 /// Weight of what is left out: none for the solution, but enough to go on judging it.
 pub(crate) const LEFT_OUT_WEIGHT: f64 = 1e-10;
@@ -50,24 +50,12 @@ pub(crate) struct Judged {
 pub(crate) type Trust = HashMap<(usize, usize), f64>;
 
 /// Judges a sighting by all the rest.
-pub(crate) fn judge(adjoint: &Adjoint, record: &UpdateRecord, of: &TieUpdate, false_alarm: f64) -> Option<Judged> {
-    let m = record.rows.len();
+pub(crate) fn judge(deletion: &Deletion, of: &TieUpdate, false_alarm: f64) -> Option<Judged> {
+    let m = deletion.pull.len();
+    let u = &deletion.pull;
     let along = |k: &[f64], g: &[f64]| k.iter().zip(g).map(|(k, g)| k * g).sum::<f64>();
-    let u: Vec<f64> = (0..m)
-        .map(|a| {
-            let own: f64 = (0..m).map(|b| record.precision[a * m + b] * record.innovation[b]).sum();
-            own + along(&record.gain[a], adjoint.vector())
-        })
-        .collect();
-    let mut spread = record.precision.clone();
-    for g in adjoint.root_rows(record.gain.first().map_or(0, Vec::len)) {
-        let pulled: Vec<f64> = record.gain.iter().map(|k| along(k, g)).collect();
-        for k in 0..m * m {
-            spread[k] += pulled[k / m] * pulled[k % m];
-        }
-    }
-    let with_noise = invert(&spread, m).ok()?;
-    let residual: Vec<f64> = (0..m).map(|a| along(&with_noise[a * m..(a + 1) * m], &u)).collect();
+    let with_noise = invert(&deletion.information, m).ok()?;
+    let residual: Vec<f64> = (0..m).map(|a| along(&with_noise[a * m..(a + 1) * m], u)).collect();
     // its covariance had the measurement weight one
     let variance: Vec<f64> = with_noise.iter().zip(&of.noise).map(|(d, r)| d + r * (1.0 - 1.0 / of.weight)).collect();
     let precision = invert(&variance, m).ok()?;

@@ -8,12 +8,13 @@ use crate::doubt::{LEFT_OUT_WEIGHT, TieUpdate, Trust};
 use crate::earth::ecef_from_geodetic;
 use crate::events::{CONSTRAINT_SPEED_MPS, Event, EventDelays, EventKind, Inputs};
 use crate::innovation::{Innovation, LOST_AFTER, MeasurementKind, take_in};
-use crate::kalman::{Gaussian, Measurement};
+use crate::kalman::{Gaussian, Measurement, Slots, Stay};
 use crate::options::{InitialState, Options, Process, TieForm};
 use crate::propagate::Propagator;
 use crate::smoother::SmootherError;
-use crate::state::{ATTITUDE, Layout, Nominal};
+use crate::state::{ATTITUDE, Layout, Nominal, POSITION, VELOCITY};
 use crate::tape::{NodeRecord, Operation, Tape};
+use crate::transition::Transition;
 use crate::update::{gnss, standstill, tie, vehicle};
 
 /// What the forward pass knows before it starts.
@@ -68,13 +69,27 @@ struct Run<'a> {
     rest: Option<([usize; 3], UnitQuaternion<f64>)>,
     origin_ecef_m: Vector3<f64>,
     rejected: HashMap<MeasurementKind, usize>,
+    /// What the next record will hold.
+    transition: Option<Transition>,
     operations: Vec<Operation>,
     records: usize,
+    /// Whether a measurement has moved the estimate since the last node.
+    moved: bool,
     result: Forward,
 }
 
 /// Slots beyond those of ties: the clone of a rest.
-pub(crate) const EXTRA_SLOTS: usize = 3;
+const EXTRA_SLOTS: usize = 3;
+/// Slots of states that leave soon: that clone and those of a few increments.
+const BRIEF_SLOTS: usize = 7;
+/// Ties whose sightings span no more than this leave soon \[s\].
+const BRIEF_S: f64 = 5.0;
+
+/// Room for the ties that may live at one time, and for the clone of a rest.
+pub(crate) fn slots(options: &Options) -> Slots {
+    let all = options.ties.most_live + EXTRA_SLOTS;
+    Slots { brief: BRIEF_SLOTS.min(all), lasting: all }
+}
 
 /// Runs the filter forward and leaves its records on the tape.
 ///
@@ -83,8 +98,8 @@ pub(crate) const EXTRA_SLOTS: usize = 3;
 pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherError> {
     let layout = plan.layout;
     let prior = Nominal { nav: plan.initial.nav, parameters: plan.options.parameters(plan.initial) };
-    let slots = plan.options.ties.most_live + EXTRA_SLOTS;
-    let mut gaussian = Gaussian::new(&plan.options.initial_variances(layout, plan.initial), slots);
+    let variances = plan.options.initial_variances(layout, plan.initial);
+    let mut gaussian = Gaussian::new(&variances, slots(plan.options));
     let mut nominal = prior;
     if let Some(reference) = plan.reference {
         nominal = reference[0];
@@ -101,19 +116,30 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         rest: None,
         origin_ecef_m: ecef_from_geodetic(&plan.initial.nav.geodetic),
         rejected: HashMap::new(),
+        transition: None,
         operations: Vec::new(),
         records: 0,
+        moved: false,
         result: Forward::default(),
     };
-    run.node(tape, true)?;
+    run.node(true);
+    run.record(tape, true)?;
     let mut next = 0;
     let mut main_s = plan.initial.nav.time_s;
     while next < plan.events.len() {
         let time_s = plan.events[next].time_s;
-        run.propagator.advance_to(time_s, &mut run.gaussian);
-        // Nodes between are passed by the backward run, but not smoothed: they are what ties cost most.
+        // Nodes between are passed by the backward run, but not smoothed.
         let last = plan.events.last().map_or(time_s, |e| e.time_s);
         let is_main = time_s >= main_s + 0.999 * plan.options.node_interval_s || time_s >= last - 1e-6;
+        let here = plan.events[next..].iter().take_while(|e| e.time_s < time_s + 1e-6);
+        let only_sightings = here.clone().all(|e| matches!(e.kind, EventKind::Sighting(..)));
+        if is_main || !only_sightings {
+            run.propagator.advance_to(time_s, &mut run.gaussian);
+        } else {
+            // ties are many: the covariance waits for its next step
+            run.propagator.hold_at(time_s, &mut run.gaussian);
+        }
+        run.begin(tape)?;
         if let Some(reference) = plan.reference.filter(|_| is_main) {
             run.move_nominal_to(&reference[run.result.nominals.len()]);
         }
@@ -122,8 +148,11 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
             run.happen(event)?;
             next += 1;
         }
-        run.node(tape, is_main)?;
+        if is_main || run.moved {
+            run.node(is_main);
+        }
         if is_main {
+            run.record(tape, true)?;
             main_s = time_s;
         }
     }
@@ -150,34 +179,53 @@ impl Run<'_> {
             return;
         }
         let base = self.plan.layout.base;
-        let error: Vec<f64> = self.gaussian.mean()[..base].to_vec();
+        let error = self.error_now();
         self.propagator.nominal.shift(self.plan.layout, &error);
         self.gaussian.mean_mut()[..base].fill(0.0);
     }
 
-    /// Closes a node: its record goes onto the tape.
-    fn node(&mut self, tape: &mut Tape, is_main: bool) -> Result<(), SmootherError> {
-        let base = self.plan.layout.base;
-        let transition = self.propagator.take_transition();
-        let rows = if is_main { 0..base } else { 0..0 };
-        let covariance_rows = rows.flat_map(|i| self.gaussian.row(i).iter().copied()).collect();
-        let record = NodeRecord {
-            transition,
-            operations: std::mem::take(&mut self.operations),
-            mean: if is_main { self.gaussian.mean().to_vec() } else { Vec::new() },
-            covariance_rows,
-        };
-        tape.push(&record)?;
+    /// The mean of the filter's own errors, carried over what the covariance is behind by.
+    fn error_now(&self) -> Vec<f64> {
+        let mut error = self.gaussian.mean()[..self.plan.layout.base].to_vec();
+        let held_s = self.propagator.held_s();
+        for k in 0..3 {
+            error[POSITION + k] += held_s * error[VELOCITY + k];
+        }
+        error
+    }
+
+    /// Before anything happens: where the covariance has moved a new record begins.
+    fn begin(&mut self, tape: &mut Tape) -> Result<(), SmootherError> {
+        if let Some(transition) = self.propagator.take_transition() {
+            if self.transition.is_some() || !self.operations.is_empty() {
+                self.record(tape, false)?;
+            }
+            self.gaussian.advance_slots(&transition);
+            self.transition = Some(transition);
+        }
+        Ok(())
+    }
+
+    /// What happened since the last record goes onto the tape.
+    fn record(&mut self, tape: &mut Tape, is_main: bool) -> Result<(), SmootherError> {
+        let operations = std::mem::take(&mut self.operations);
+        let record = NodeRecord { transition: self.transition.take(), operations };
+        tape.push(&record, is_main.then_some(&self.gaussian))?;
         self.records += 1;
+        Ok(())
+    }
+
+    /// Closes a node: the estimate of the filter.
+    fn node(&mut self, is_main: bool) {
+        self.moved = false;
         let nominal = self.propagator.nominal;
         let mut estimate = nominal;
-        estimate.shift(self.plan.layout, &self.gaussian.mean()[..base]);
+        estimate.shift(self.plan.layout, &self.error_now());
         let variance = std::array::from_fn(|k| self.gaussian.covariance(k, k));
         self.result.nodes.push(FilterNode { nominal: estimate, variance });
         if is_main {
             self.result.nominals.push(nominal);
         }
-        Ok(())
     }
 
     fn happen(&mut self, event: &Event) -> Result<(), SmootherError> {
@@ -237,7 +285,7 @@ impl Run<'_> {
             EventKind::RestBegins => {
                 let mut clone = [0; 3];
                 for (k, at) in clone.iter_mut().enumerate() {
-                    let Some(slot) = self.enter(vec![(ATTITUDE + k, 1.0)], 0.0) else { return Ok(()) };
+                    let Some(slot) = self.enter(vec![(ATTITUDE + k, 1.0)], 0.0, Stay::Brief) else { return Ok(()) };
                     *at = slot;
                 }
                 self.rest = Some((clone, nominal.nav.ned_from_body));
@@ -261,8 +309,8 @@ impl Run<'_> {
     }
 
     /// A state enters; the record remembers.
-    fn enter(&mut self, row: Vec<(usize, f64)>, variance: f64) -> Option<usize> {
-        let at = self.gaussian.enter(&row, variance)?;
+    fn enter(&mut self, row: Vec<(usize, f64)>, variance: f64, stay: Stay) -> Option<usize> {
+        let at = self.gaussian.enter(&row, variance, stay)?;
         self.operations.push(Operation::Enter { at, row });
         Some(at)
     }
@@ -284,6 +332,7 @@ impl Run<'_> {
         self.result.innovations.push(innovation);
         if let Some(record) = record {
             self.operations.push(Operation::Update(record));
+            self.moved = true;
             self.feed_back();
         }
         Ok(weight)
@@ -310,7 +359,7 @@ impl Run<'_> {
         let tie = &self.plan.inputs.ties[t];
         let sighting = &tie.sightings[s];
         let nominal = self.propagator.nominal;
-        let (values, rows) = tie::coordinates(&nominal, tie, sighting, &self.origin_ecef_m);
+        let (values, rows) = tie::coordinates(&nominal, tie, sighting, &self.origin_ecef_m, self.propagator.held_s());
         let noise = tie::noise(tie, sighting);
         let rank = values.len();
         if let Some(known) = &tie.known_m {
@@ -327,10 +376,12 @@ impl Run<'_> {
             if self.gaussian.free_slots() < rank + if self.rest.is_none() { EXTRA_SLOTS } else { 0 } {
                 return Ok(());
             }
+            let span_s = tie.sightings[tie.sightings.len() - 1].time_s - sighting.time_s;
+            let stay = if span_s <= BRIEF_S { Stay::Brief } else { Stay::Lasting };
             let slots: Option<Vec<usize>> = rows
                 .into_iter()
                 .enumerate()
-                .map(|(k, row)| self.enter(row, if delayed { 0.0 } else { noise[k * rank + k] }))
+                .map(|(k, row)| self.enter(row, if delayed { 0.0 } else { noise[k * rank + k] }, stay))
                 .collect();
             if let Some(slots) = slots {
                 self.live.entry(t).or_default().states.push((s, slots, values));

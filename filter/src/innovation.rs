@@ -93,7 +93,7 @@ pub(crate) fn take_in(
     forced: bool,
 ) -> Result<(Innovation, Option<UpdateRecord>), Singular> {
     let m = measurement.rows.len();
-    let (value, spread, _) = gaussian.predict(&measurement);
+    let (value, mut spread, columns) = gaussian.predict(&measurement);
     let squared_by = |spread: &[f64]| -> Result<f64, Singular> {
         let precision = invert(spread, m)?;
         Ok((0..m * m).map(|k| value[k / m] * precision[k] * value[k % m]).sum())
@@ -118,11 +118,15 @@ pub(crate) fn take_in(
                     break;
                 }
             }
-            measurement.noise.iter_mut().for_each(|r| *r *= factor);
+            for (s, r) in spread.iter_mut().zip(&mut measurement.noise) {
+                *s += (factor - 1.0) * *r;
+                *r *= factor;
+            }
             weight = 1.0 / factor;
         }
     }
-    let record = if weight > 0.0 { Some(gaussian.update(&measurement)?) } else { None };
+    let record =
+        if weight > 0.0 { Some(gaussian.update_with(&measurement, (value.clone(), spread, columns))?) } else { None };
     Ok((Innovation { time_s, kind, value, normalised, squared, weight }, record))
 }
 

@@ -1,19 +1,43 @@
 //! The linear algebra of the filter: a mean and a covariance that are moved, updated, enlarged and shrunk.
 //! [`crate::adjoint`] runs back through the same operations.
 
+use nalgebra::{DMatrixView, DMatrixViewMut, SMatrix};
+
 use crate::state::{CORE, NAV};
 use crate::transition::Transition;
 
 /// A sparse row: indices and factors.
 pub type SparseRow = Vec<(usize, f64)>;
 
+/// Room for landmarks and clones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slots {
+    /// For states that leave soon: they stand first, so that few rows of the backward pass need be long.
+    pub brief: usize,
+    /// For those that stay.
+    pub lasting: usize,
+}
+
+/// How long a state is to stay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stay {
+    /// A moment.
+    Brief,
+    /// Longer.
+    Lasting,
+}
+
 /// Mean and covariance of the errors. States `0..base` are the filter's own; behind them stand slots for landmarks and
-/// clones, of which `0..slots` have been in use.
+/// clones, of which the first `used` have been in use.
+///
+/// Of the covariance the rows of the filter's own states are kept whole, and the lower triangle of the slots: no number
+/// twice, where there are many landmarks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gaussian {
     /// States before the slots.
     pub base: usize,
     capacity: usize,
+    brief: usize,
     used: usize,
     free: Vec<bool>,
     mean: Vec<f64>,
@@ -64,11 +88,12 @@ pub fn invert(matrix: &[f64], m: usize) -> Result<Vec<f64>, Singular> {
 }
 
 impl Gaussian {
-    /// Zero mean and a diagonal of variances, with room for `slots` landmarks and clones.
+    /// Zero mean and a diagonal of variances, with room for landmarks and clones.
     #[must_use]
-    pub fn new(variances: &[f64], slots: usize) -> Self {
+    pub fn new(variances: &[f64], slots: Slots) -> Self {
         let base = variances.len();
-        let capacity = base + slots;
+        let all = slots.brief + slots.lasting;
+        let capacity = base + all;
         let mut covariance = vec![0.0; capacity * capacity];
         for (i, v) in variances.iter().enumerate() {
             covariance[i * capacity + i] = *v;
@@ -76,8 +101,9 @@ impl Gaussian {
         Self {
             base,
             capacity,
+            brief: slots.brief,
             used: 0,
-            free: vec![true; slots],
+            free: vec![true; all],
             mean: vec![0.0; capacity],
             covariance,
             scratch: vec![0.0; CORE.max(8) * capacity],
@@ -108,22 +134,52 @@ impl Gaussian {
         &mut self.mean[..n]
     }
 
+    /// Where the covariance of two errors stands.
+    fn place(&self, i: usize, j: usize) -> usize {
+        let (i, j) = if i >= self.base && (j < self.base || j > i) { (j, i) } else { (i, j) };
+        i * self.capacity + j
+    }
+
     /// Covariance of two errors.
     #[must_use]
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
-        self.covariance[i * self.capacity + j]
+        self.covariance[self.place(i, j)]
     }
 
     /// Sets the covariance of two errors.
     pub fn set_covariance(&mut self, i: usize, j: usize, value: f64) {
-        self.covariance[i * self.capacity + j] = value;
-        self.covariance[j * self.capacity + i] = value;
+        let (ij, ji) = (self.place(i, j), self.place(j, i));
+        self.covariance[ij] = value;
+        self.covariance[ji] = value;
     }
 
-    /// A row of the covariance.
+    /// A row of the covariance, of a state before the slots.
     #[must_use]
     pub fn row(&self, i: usize) -> &[f64] {
+        debug_assert!(i < self.base, "slots have no whole row");
         &self.covariance[i * self.capacity..i * self.capacity + self.len()]
+    }
+
+    /// Adds a multiple of a column of the covariance to `out`.
+    fn add_column(&self, out: &mut [f64], k: usize, factor: f64) {
+        let base = self.base;
+        if k < base {
+            for (o, p) in out.iter_mut().zip(self.row(k)) {
+                *o += factor * p;
+            }
+            return;
+        }
+        for (o, row) in out[..base].iter_mut().zip(self.covariance.chunks_exact(self.capacity)) {
+            *o += factor * row[k];
+        }
+        let own = &self.covariance[k * self.capacity + base..=k * self.capacity + k];
+        for (o, p) in out[base..].iter_mut().zip(own) {
+            *o += factor * p;
+        }
+        let below = self.covariance.chunks_exact(self.capacity).skip(k + 1);
+        for (o, row) in out[k + 1..].iter_mut().zip(below) {
+            *o += factor * row[k];
+        }
     }
 
     /// Adds variances to the first states.
@@ -146,7 +202,7 @@ impl Gaussian {
         move_mean(&mut self.mean[..base], transition);
         // the nine rows of Φ P over the base columns
         let product = &mut self.scratch[..NAV * base];
-        multiply_nav(product, &transition.nav, &self.covariance, capacity, 0..base);
+        multiply_nav(product, &transition.nav, &self.covariance, capacity, base);
         for i in NAV..base {
             let di = transition.decay[i - NAV];
             let row = &mut self.covariance[i * capacity + NAV..i * capacity + base];
@@ -177,21 +233,17 @@ impl Gaussian {
         if slots == 0 {
             return;
         }
-        let product = &mut self.scratch[..NAV * slots];
-        multiply_nav(product, &transition.nav, &self.covariance, capacity, base..n);
+        // columns of the transposed: the slots' part of each row
+        let rows = DMatrixView::from_slice_with_strides(&self.covariance[base..], slots, CORE, 1, capacity);
+        let mut product = DMatrixViewMut::from_slice(&mut self.scratch, slots, NAV);
+        product.gemm(1.0, &rows, &SMatrix::<f64, CORE, NAV>::from_fn(|k, i| transition.nav[i][k]), 0.0);
         for (i, d) in (NAV..base).zip(&transition.decay) {
             for p in &mut self.covariance[i * capacity + base..i * capacity + n] {
                 *p *= d;
             }
         }
-        for i in 0..NAV {
-            let row = &self.scratch[i * slots..(i + 1) * slots];
-            self.covariance[i * capacity + base..i * capacity + n].copy_from_slice(row);
-        }
-        for i in base..n {
-            for j in 0..base {
-                self.covariance[i * capacity + j] = self.covariance[j * capacity + i];
-            }
+        for (i, row) in product.column_iter().enumerate() {
+            self.covariance[i * capacity + base..i * capacity + n].copy_from_slice(row.as_slice());
         }
     }
 
@@ -205,10 +257,7 @@ impl Gaussian {
             let mut column = vec![0.0; n];
             for (k, factor) in row {
                 *v -= factor * self.mean[*k];
-                let from = &self.covariance[k * self.capacity..k * self.capacity + n];
-                for (c, p) in column.iter_mut().zip(from) {
-                    *c += factor * p;
-                }
+                self.add_column(&mut column, *k, *factor);
             }
             columns.push(column);
         }
@@ -226,7 +275,19 @@ impl Gaussian {
     /// # Errors
     /// [`Singular`] when the innovation has no variance.
     pub fn update(&mut self, measurement: &Measurement) -> Result<UpdateRecord, Singular> {
-        let (innovation, spread, columns) = self.predict(measurement);
+        let predicted = self.predict(measurement);
+        self.update_with(measurement, predicted)
+    }
+
+    /// Takes a measurement in whose prediction, [`Gaussian::predict`], is known.
+    ///
+    /// # Errors
+    /// As [`Gaussian::update`].
+    pub fn update_with(
+        &mut self,
+        measurement: &Measurement,
+        (innovation, spread, columns): (Vec<f64>, Vec<f64>, Vec<Vec<f64>>),
+    ) -> Result<UpdateRecord, Singular> {
         let (n, m) = (self.len(), measurement.rows.len());
         let precision = invert(&spread, m)?;
         let combine = |weights: &[f64], a: usize| {
@@ -260,24 +321,23 @@ impl Gaussian {
             let k = &gain[a];
             for i in 0..n {
                 let (ki, hi) = (k[i], half[i]);
-                let row = &mut self.covariance[i * self.capacity..=i * self.capacity + i];
-                for ((p, kj), hj) in row.iter_mut().zip(k).zip(&half) {
+                let columns = if i < self.base { 0..n } else { self.base..i + 1 };
+                let row = &mut self.covariance[i * self.capacity..][columns.clone()];
+                for ((p, kj), hj) in row.iter_mut().zip(&k[columns.clone()]).zip(&half[columns]) {
                     *p += ki * hj + hi * kj;
                 }
-            }
-        }
-        for i in 0..n {
-            for j in 0..i {
-                self.covariance[j * self.capacity + i] = self.covariance[i * self.capacity + j];
             }
         }
         Ok(UpdateRecord { innovation, precision, rows: measurement.rows.clone(), gain })
     }
 
     /// Brings in a state that is a combination of others plus noise: a landmark with the noise of its first sighting, a
-    /// clone with none. Gives its index, or `None` when all slots are taken.
-    pub fn enter(&mut self, row: &[(usize, f64)], variance: f64) -> Option<usize> {
-        let slot = self.free.iter().position(|f| *f)?;
+    /// clone with none. Gives its index, or `None` when all slots are taken; when only those of its kind are, it gets
+    /// another.
+    pub fn enter(&mut self, row: &[(usize, f64)], variance: f64, stay: Stay) -> Option<usize> {
+        let first = if stay == Stay::Brief { 0 } else { self.brief };
+        let order = (first..self.free.len()).chain(0..first);
+        let slot = order.into_iter().find(|s| self.free[*s])?;
         self.free[slot] = false;
         self.used = self.used.max(slot + 1);
         let (n, at) = (self.len(), self.base + slot);
@@ -285,14 +345,13 @@ impl Gaussian {
         let mut mean = 0.0;
         for (k, factor) in row {
             mean += factor * self.mean[*k];
-            for (c, p) in column.iter_mut().zip(&self.covariance[k * self.capacity..]) {
-                *c += factor * p;
-            }
+            self.add_column(&mut column, *k, *factor);
         }
         column[at] = row.iter().map(|(k, factor)| factor * column[*k]).sum::<f64>() + variance;
         self.mean[at] = mean;
         for (i, c) in column.iter().enumerate() {
-            self.set_covariance(i, at, *c);
+            let place = self.place(i, at);
+            self.covariance[place] = *c;
         }
         Some(at)
     }
@@ -300,7 +359,8 @@ impl Gaussian {
     /// Lets a state of a slot go.
     pub fn leave(&mut self, at: usize) {
         for i in 0..self.len() {
-            self.set_covariance(i, at, 0.0);
+            let place = self.place(i, at);
+            self.covariance[place] = 0.0;
         }
         self.mean[at] = 0.0;
         self.free[at - self.base] = true;
@@ -316,19 +376,13 @@ impl Gaussian {
     }
 }
 
-/// The nine rows of `Φ P` over columns of a covariance.
-fn multiply_nav(
-    product: &mut [f64],
-    nav: &[[f64; CORE]; NAV],
-    covariance: &[f64],
-    capacity: usize,
-    columns: std::ops::Range<usize>,
-) {
+/// The nine rows of `Φ P` over the first columns of a covariance.
+fn multiply_nav(product: &mut [f64], nav: &[[f64; CORE]; NAV], covariance: &[f64], capacity: usize, columns: usize) {
     product.fill(0.0);
-    for (out, row) in product.chunks_exact_mut(columns.len()).zip(nav) {
+    for (out, row) in product.chunks_exact_mut(columns).zip(nav) {
         for (k, factor) in row.iter().enumerate() {
             if *factor != 0.0 {
-                let from = &covariance[k * capacity + columns.start..k * capacity + columns.end];
+                let from = &covariance[k * capacity..k * capacity + columns];
                 for (o, p) in out.iter_mut().zip(from) {
                     *o += factor * p;
                 }

@@ -105,7 +105,7 @@ pub(crate) struct Propagator<'a> {
     angle_rad: Vector3<f64>,
     velocity_before_mps: Vector3<f64>,
     unseen_s: f64,
-    transition: Transition,
+    transition: Option<Transition>,
 }
 
 impl<'a> Propagator<'a> {
@@ -128,13 +128,21 @@ impl<'a> Propagator<'a> {
             angle_rad: Vector3::zeros(),
             velocity_before_mps: nominal.nav.velocity_ned_mps,
             unseen_s: 0.0,
-            transition: Transition::identity(layout.base),
+            transition: None,
         }
     }
 
     /// Moves everything to a time.
     pub(crate) fn advance_to(&mut self, until_s: f64, gaussian: &mut Gaussian) {
-        self.velocity_before_mps = self.nominal.nav.velocity_ned_mps;
+        self.hold_at(until_s, gaussian);
+        self.move_covariance(gaussian);
+    }
+
+    /// Moves the nominal to a time; the covariance follows in whole steps and stays [`Propagator::held_s`] behind.
+    pub(crate) fn hold_at(&mut self, until_s: f64, gaussian: &mut Gaussian) {
+        if self.sums.interval_s <= 0.0 {
+            self.velocity_before_mps = self.nominal.nav.velocity_ned_mps; // measurements may have moved it
+        }
         while let Some(step) = self.mechaniser.step(&self.nominal, until_s) {
             let trace = self.mechaniser.make(&step, &mut self.nominal);
             self.sums.add(&step.increment, &trace);
@@ -149,8 +157,11 @@ impl<'a> Propagator<'a> {
                 self.move_covariance(gaussian);
             }
         }
-        self.move_covariance(gaussian);
-        gaussian.advance_slots(&self.transition);
+    }
+
+    /// What the covariance is behind the nominal by \[s\].
+    pub(crate) fn held_s(&self) -> f64 {
+        self.sums.interval_s
     }
 
     /// Moves the covariance over the steps summed: half of the noise before, half after.
@@ -181,15 +192,17 @@ impl<'a> Propagator<'a> {
             acceleration_ned_mps2: (self.nominal.nav.velocity_ned_mps - self.velocity_before_mps) / interval_s,
         };
         self.velocity_before_mps = self.nominal.nav.velocity_ned_mps;
-        transition.follow(&self.transition);
-        self.transition = transition;
+        if let Some(before) = &self.transition {
+            transition.follow(before);
+        }
+        self.transition = Some(transition);
         self.sums = StepSums::default();
         self.angle_rad = Vector3::zeros();
         self.unseen_s = 0.0;
     }
 
-    /// The transition since the last node.
-    pub(crate) fn take_transition(&mut self) -> Transition {
-        std::mem::replace(&mut self.transition, Transition::identity(self.layout.base))
+    /// The transition since it was last taken, if the covariance has moved.
+    pub(crate) fn take_transition(&mut self) -> Option<Transition> {
+        self.transition.take()
     }
 }

@@ -4,7 +4,7 @@ use crate::align::{AlignError, align};
 use crate::backward::{SmoothedNode, backward};
 use crate::doubt::{Trust, after, after_first};
 use crate::events::{EventDelays, Inputs, collect};
-use crate::forward::{EXTRA_SLOTS, FilterNode, Forward, Plan, run};
+use crate::forward::{FilterNode, Forward, Plan, run, slots};
 use crate::innovation::{Innovation, MeasurementKind};
 use crate::options::{InitialState, Options};
 use crate::rest::{Rest, find};
@@ -98,11 +98,10 @@ impl Smoother {
                 trust: trust.as_ref(),
             };
             let mut tape = Tape::new(layout.base, options.memory_bytes);
-            let forward = run(plan, &mut tape)?;
+            let mut forward = run(plan, &mut tape)?;
             check_finite(&forward)?;
-            let slots = options.ties.most_live + EXTRA_SLOTS;
             let ties_judged = (&forward.tie_updates[..], options.false_alarm);
-            let (nodes, moved, judged) = backward(&layout, &mut tape, &forward.nominals, slots, ties_judged)?;
+            let (nodes, moved, judged) = backward(&layout, &mut tape, &forward.nominals, slots(options), ties_judged)?;
             let next_trust = match &trust {
                 None => after_first(&forward.tie_weight, &judged, options.false_alarm),
                 Some(trust) => after(trust, &judged),
@@ -114,7 +113,7 @@ impl Smoother {
             if reference.is_some() {
                 change = moved;
             } else {
-                filter = Some((forward.nodes.clone(), forward.innovations.clone()));
+                filter = Some((std::mem::take(&mut forward.nodes), std::mem::take(&mut forward.innovations)));
             }
             let done = runs >= options.most_runs || (change < SETTLED && settled);
             let moved_delays = delays_of(&nodes);
@@ -132,7 +131,7 @@ impl Smoother {
             }
             if done {
                 let (filter, innovations) = filter.unwrap_or_default();
-                let mut solution = Solution {
+                return Ok(Solution {
                     layout,
                     nodes,
                     filter,
@@ -142,9 +141,7 @@ impl Smoother {
                     rests,
                     runs,
                     change,
-                };
-                solution.fill_tie_residuals(inputs);
-                return Ok(solution);
+                });
             }
             reference = Some(nodes.iter().map(|n| n.nominal).collect());
             trust = Some(next_trust);

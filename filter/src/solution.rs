@@ -34,8 +34,6 @@ pub struct TieUse {
     pub id: u64,
     /// Weight that each sighting got: 1 trusted, below 1 down-weighted, 0 left out.
     pub weights: Vec<f64>,
-    /// Offset of each sighting from the mean of all, along the first direction, by the smoothed trajectory \[m\].
-    pub residuals_m: Vec<f64>,
     /// Why it was not used.
     pub why_not: Option<&'static str>,
 }
@@ -53,7 +51,7 @@ impl TieUse {
                     let compared = if tie.known_m.is_some() { &weights[..] } else { &weights[1..] };
                     compared.iter().all(|w| *w <= 0.0).then_some("innovation")
                 });
-                Self { id: tie.id, weights, residuals_m: Vec::new(), why_not }
+                Self { id: tie.id, weights, why_not }
             })
             .collect()
     }
@@ -176,15 +174,18 @@ impl Solution {
         Some(between(inputs, &before.nominal, &after.nominal, &self.layout, &[time_s])[0])
     }
 
-    /// Offsets of the sightings by the smoothed trajectory; every interval between nodes is mechanised once.
-    pub(crate) fn fill_tie_residuals(&mut self, inputs: &Inputs) {
-        let Some(first) = self.nodes.first() else { return };
+    /// Residuals of all ties, used or not, in the order they were given: the offset of each sighting from the mean of all,
+    /// along the first direction, by the smoothed trajectory \[m\]; NaN outside of its span. Every interval between nodes is
+    /// mechanised once.
+    #[must_use]
+    pub fn tie_residuals_m(&self, inputs: &Inputs) -> Vec<Vec<f64>> {
+        let mut residuals: Vec<Vec<f64>> = inputs.ties.iter().map(|t| vec![f64::NAN; t.sightings.len()]).collect();
+        let Some(first) = self.nodes.first() else { return residuals };
         let origin = ecef_from_geodetic(&first.nominal.nav.geodetic);
         let offset_s = self.clock_offset_s();
         let (start_s, end_s) = self.span_s();
         let mut order: Vec<(f64, usize, usize)> = Vec::new();
         for (t, tie) in inputs.ties.iter().enumerate() {
-            self.ties[t].residuals_m = vec![f64::NAN; tie.sightings.len()];
             order.extend(tie.sightings.iter().enumerate().map(|(s, sighting)| (sighting.time_s + offset_s, t, s)));
         }
         order.retain(|o| o.0 >= start_s && o.0 < end_s);
@@ -197,11 +198,10 @@ impl Solution {
             for (nav, (_, t, s)) in between(inputs, from, to, &self.layout, &times).into_iter().zip(group) {
                 let tie = &inputs.ties[*t];
                 let nominal = Nominal { nav, parameters: from.parameters };
-                self.ties[*t].residuals_m[*s] = coordinates(&nominal, tie, &tie.sightings[*s], &origin).0[0];
+                residuals[*t][*s] = coordinates(&nominal, tie, &tie.sightings[*s], &origin, 0.0).0[0];
             }
         }
-        for (tie, used) in inputs.ties.iter().zip(&mut self.ties) {
-            let values = &mut used.residuals_m;
+        for (tie, values) in inputs.ties.iter().zip(&mut residuals) {
             #[allow(clippy::cast_precision_loss)]
             let mean = match &tie.known_m {
                 Some(known) => known[0],
@@ -209,6 +209,7 @@ impl Solution {
             };
             values.iter_mut().for_each(|v| *v -= mean);
         }
+        residuals
     }
 }
 

@@ -3,6 +3,8 @@
 //! Sweeping over time, whenever the ties alive need more states than there are slots, the one that tells least goes: that
 //! whose sightings lie nearest in time to those of another tie of a like direction that stays, weighed by precision.
 
+use nalgebra::Vector3;
+
 use crate::update::tie::FilterTie;
 
 /// The choice.
@@ -25,6 +27,7 @@ struct Live {
     last_s: f64,
     rank: usize,
     weight: f64,
+    direction: Vector3<f64>,
 }
 
 /// Chooses the ties for a span of time and a number of slots.
@@ -48,6 +51,7 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
             last_s: within[within.len() - 1],
             rank: t.directions.len(),
             weight: 1.0 / variance.max(1e-12),
+            direction: t.directions[0],
         });
     }
     waiting.sort_by(|a, b| a.first_s.total_cmp(&b.first_s).then(a.tie.cmp(&b.tie)));
@@ -57,9 +61,8 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
         live.retain(|l| l.last_s >= next.first_s);
         live.push(next);
         while live.iter().map(|l| l.rank).sum::<usize>() > slots {
-            let least = (0..live.len())
-                .map(|i| (novelty(&live, i, ties), i))
-                .min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            let least =
+                (0..live.len()).map(|i| (novelty(&live, i), i)).min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
             let Some((_, i)) = least else { break };
             why_not[live.swap_remove(i).tie] = Some("budget");
             dropped += 1;
@@ -77,13 +80,12 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
 }
 
 /// What a live tie tells that no other does.
-fn novelty(live: &[Live], i: usize, ties: &[FilterTie]) -> f64 {
+fn novelty(live: &[Live], i: usize) -> f64 {
     let me = &live[i];
-    let direction = ties[me.tie].directions[0];
     let nearest = live
         .iter()
         .enumerate()
-        .filter(|(j, other)| *j != i && direction.dot(&ties[other.tie].directions[0]).abs() > 0.7)
+        .filter(|(j, other)| *j != i && me.direction.dot(&other.direction).abs() > 0.7)
         .map(|(_, other)| (other.first_s - me.first_s).abs().max((other.last_s - me.last_s).abs()))
         .fold(f64::INFINITY, f64::min);
     me.weight * (nearest / APART_S).min(1.0)

@@ -2,13 +2,13 @@
 
 use nalgebra::{DMatrix, DVector};
 use tieline_filter::adjoint::{Adjoint, smoothed};
-use tieline_filter::kalman::{Gaussian, Measurement};
+use tieline_filter::kalman::{Gaussian, Measurement, Slots, Stay};
 use tieline_filter::state::{CORE, NAV};
 use tieline_filter::tape::Operation;
 use tieline_filter::transition::Transition;
 
 const BASE: usize = CORE + 2;
-const SLOTS: usize = 8;
+const SLOTS: Slots = Slots { brief: 2, lasting: 6 };
 const STEPS: usize = 12;
 
 /// A reproducible series of numbers between -1 and 1.
@@ -109,7 +109,7 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
             let enters = if form == Form::Landmark { s == 0 } else { !last };
             if enters {
                 let variance = if form == Form::Landmark { sigma * sigma } else { 0.0 };
-                let at = g.enter(row, variance).expect("a slot");
+                let at = g.enter(row, variance, if f % 2 == 0 { Stay::Lasting } else { Stay::Brief }).expect("a slot");
                 operations.push(Operation::Enter { at, row: row.clone() });
                 live[f].push((at, s));
             } else {
@@ -141,7 +141,9 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
         out.push(smoothed(rows, mean, (mean.len(), BASE, BASE), &adjoint));
         for operation in operations.iter().rev() {
             match operation {
-                Operation::Update(update) => adjoint.back_through_update(update),
+                Operation::Update(update) => {
+                    adjoint.back_through_update(update);
+                }
                 Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
             }
         }

@@ -151,10 +151,10 @@ fn rows_of_ties_equal_central_differences() {
     let tie = FilterTie { id: 0, kind: TieKind::XyzPoint, directions, sightings: vec![sighting; 3], known_m: None };
     let origin = tieline_filter::earth::ecef_from_geodetic(&(nominal().nav.geodetic + Vector3::new(1e-5, 1e-5, 3.0)));
     let base = layout().base;
-    let values_now = tie::coordinates(&nominal(), &tie, &sighting, &origin).0;
+    let values_now = tie::coordinates(&nominal(), &tie, &sighting, &origin, 0.0).0;
     let noise = tie::noise(&tie, &sighting);
     let landmark = |n: &Nominal| {
-        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin);
+        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, 0.0);
         tie::against_landmark(&values, &rows, &noise, &[base, base + 1, base + 2], &values_now)
     };
     compare("landmark", |n, _| landmark(n), 2e-5);
@@ -163,7 +163,7 @@ fn rows_of_ties_equal_central_differences() {
         (1, vec![base + 3, base + 4, base + 5], values_now.clone()),
     ];
     let all = |n: &Nominal| {
-        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin);
+        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, 0.0);
         tie::all_at_once(&tie, 2, &values, &rows, &clones)
     };
     compare("delayed", |n, _| all(n), 2e-5);

@@ -132,7 +132,7 @@ impl Driven {
     pub(super) fn new(scenario: &DriveScenario, network: &Network) -> Self {
         let options = &scenario.drive;
         let (axis, ends_m) = scenario.route();
-        let mut random = Random::new(scenario.seed, &[51]);
+        let mut random = Random::new(scenario.scene_seed, &[51]);
         let way = Way::new(&axis, options.lane_m, options.lane_sd_m, &mut random);
         let limit = speed_limits(&way, scenario, &mut random);
         let along = drive(&way, &limit, scenario);

@@ -12,7 +12,7 @@ use super::sensor_options::{DriveScannerOptions, GnssOptions, ImuOptions, Odomet
 pub struct DriveScenario {
     /// Name of the survey.
     pub name: String,
-    /// Sensor noise, motion and moving things follow from this number.
+    /// Sensor noise, sway, parked and moving cars follow from this number.
     pub seed: u64,
     /// The streets' own seed, so that other noise meets the same scene.
     pub scene_seed: u64,

@@ -19,7 +19,7 @@ const TABLE_M: f64 = 0.25;
 /// Steps of the table that a mean is taken over to both sides: a wheel is turned over 8 m.
 const STEER: i32 = 16;
 /// Slowest approach to a stop \[m/s\].
-const CREEP_MPS: f64 = 0.4;
+const CREEP_MPS: f64 = 0.2;
 /// Step of the speed \[s\].
 const STEP_S: f64 = 0.01;
 /// Way over which the place in the lane wanders, and over which the speed does \[m\].
@@ -269,7 +269,8 @@ fn motion(way: &Way, along: &[(f64, f64)], scenario: &DriveScenario, network: &N
         let climb = (height_m(ahead) - height_m(-ahead)) / (2.0 * WHEELS_M.0);
         let bank = (height_m(-right) - height_m(right)) / (2.0 * WHEELS_M.1);
         let curvature = way.curvature(whole(s / TABLE_M).min(way.places.len() - 1));
-        let forward_mps2 = if k > 0 { (v - along[k - 1].1) / KNOT_S } else { 0.0 };
+        let jolt_mps2 = if k > 0 { (v - along[k - 1].1) / KNOT_S } else { 0.0 };
+        let forward_mps2 = jolt_mps2.clamp(-options.acceleration_mps2, options.acceleration_mps2);
         let quick = (v / options.speed_mps).clamp(0.0, 1.0);
         let spread = (1.0 - keep * keep).sqrt();
         sway = sway * keep + normal() * spread;

@@ -20,6 +20,9 @@ const MARKING: u8 = 65;
 const MANHOLE: u8 = 66;
 const PARKED: u8 = 67;
 
+/// What spoils a scenario.
+type Change<'a> = &'a dyn Fn(&mut DriveScenario);
+
 fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../samples/scenarios").join(name)
 }
@@ -220,7 +223,7 @@ fn the_files_hold_what_was_simulated_for_any_number_of_threads() {
 
 #[test]
 fn a_scenario_that_makes_no_sense_says_which_key_and_what_would() {
-    let message = |change: &dyn Fn(&mut DriveScenario)| {
+    let message = |change: Change<'_>| {
         let mut scenario = small();
         change(&mut scenario);
         match scenario.check() {
@@ -228,7 +231,7 @@ fn a_scenario_that_makes_no_sense_says_which_key_and_what_would() {
             other => panic!("{other:?}"),
         }
     };
-    let cases: [(&str, &dyn Fn(&mut DriveScenario)); 10] = [
+    let cases: [(&str, Change<'_>); 10] = [
         ("drive.speed_mps = -1", &|s| s.drive.speed_mps = -1.0),
         ("drive.lap.nodes = nowhere: no [[node]]", &|s| s.drive.laps[0].nodes[1] = "nowhere".into()),
         ("drive.lap.nodes = b: a lap begins", &|s| s.drive.laps[1].nodes = vec!["b".into(), "c".into()]),

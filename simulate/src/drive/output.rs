@@ -26,7 +26,7 @@ use tieline_io::trajectory::{write_sbet, write_smrmsg};
 use super::scenario::DriveScenario;
 use super::survey::DriveSurvey;
 use crate::error::SimulateError;
-use crate::output::StripReport;
+use crate::output::{StripReport, remove_old};
 
 /// What was written.
 #[derive(Debug, Clone)]
@@ -79,6 +79,14 @@ pub fn write(
     }
     for folder in folders {
         std::fs::create_dir_all(&folder).map_err(|source| SimulateError::Io { path: folder.clone(), source })?;
+    }
+    remove_old(&out.join("odometer.csv"))?;
+    for folder in [out.join("strips"), truth_folder.join("strips")] {
+        for pass in 1.. {
+            if !remove_old(&folder.join(format!("pass{pass}.laz")))? {
+                break;
+            }
+        }
     }
     sensors::write_imu(&out.join("imu.txt.gz"), survey)?;
     write_text(&out.join("gnss.pos"), &sensors::gnss(survey))?;

@@ -98,6 +98,9 @@ pub enum Command {
         /// Output folder
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
+        /// Write into a folder that is not empty
+        #[arg(long)]
+        overwrite: bool,
     },
     /// Print completions for a shell
     Completions {

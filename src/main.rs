@@ -76,7 +76,9 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Info { files } => info::run(files, common, &mut out),
         Command::Convert(args) => convert::run(args, common, &mut out),
         Command::Trajectory(command) => trajectory::run(command, common, &mut out),
-        Command::Simulate { scenario, out: folder } => simulate::run(scenario, folder, common, &mut out),
+        Command::Simulate { scenario, out: folder, overwrite } => {
+            simulate::run(scenario, folder, *overwrite, common, &mut out)
+        }
         Command::Completions { shell } => {
             let mut script = Vec::new(); // the generator panics where a pipe is closed
             clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut script);

@@ -3,7 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
-use tieline_filter::TrajectoryError;
+use tieline_filter::imu::ImuError;
+use tieline_filter::{SmootherError, TrajectoryError};
 use tieline_io::crs::CrsError;
 use tieline_io::las::LasError;
 use tieline_io::trajectory::TrajectoryFileError;
@@ -50,4 +51,10 @@ pub enum SimulateError {
     /// A strip cannot be written.
     #[error(transparent)]
     Las(#[from] LasError),
+    /// Inertial measurements that are none.
+    #[error(transparent)]
+    Imu(#[from] ImuError),
+    /// The smoother makes no trajectory of the simulated data.
+    #[error("the simulated data give no trajectory: {0}")]
+    Smoother(#[from] SmootherError),
 }

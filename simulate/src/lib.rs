@@ -1,4 +1,4 @@
-//! Simulated airborne surveys with known truth.
+//! Simulated surveys with known truth: flights, and [drives](drive).
 //!
 //! A [`Scenario`] (TOML) says what is flown over what and with which errors; [`simulate`] writes the survey as a user
 //! would receive it (strips, trajectory, accuracies, project file) and, apart in `truth/`, what a user never has.
@@ -22,6 +22,7 @@
 //! | [`truth`] | what is wrong with the delivered survey |
 //! | [`survey`] | echoes: true and delivered point, block by block, the same for any number of threads |
 //! | [`output`] | the files |
+//! | [`drive`] | drives of a mobile mapping system through streets |
 //! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
 //! No estimator depends on this crate: truth cannot leak.
@@ -34,6 +35,8 @@
 //! # Ok::<(), tieline_simulate::SimulateError>(())
 //! ```
 
+mod any;
+pub mod drive;
 mod error;
 pub mod flight;
 pub mod navigation;
@@ -46,6 +49,8 @@ pub mod survey;
 pub mod truth;
 pub mod world;
 
+pub use any::AnyScenario;
+pub use drive::{DriveReport, DriveScenario, DriveSurvey, simulate_drive};
 pub use error::SimulateError;
 pub use output::{SimulationReport, StripReport, simulate};
 pub use scenario::Scenario;

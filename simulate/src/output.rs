@@ -69,6 +69,11 @@ pub fn simulate(scenario: &Scenario, out: &Path) -> Result<SimulationReport, Sim
     for folder in [out.join("strips"), out.join("truth")] {
         std::fs::create_dir_all(&folder).map_err(|source| SimulateError::Io { path: folder.clone(), source })?;
     }
+    for strip in 0.. {
+        if !remove_old(&out.join("strips").join(format!("{}.laz", strip_name(strip))))? {
+            break;
+        }
+    }
     let mut strips = Vec::new();
     for strip in 0..survey.lines().len() {
         strips.push(write_strip(&survey, strip, &place, &out.join("strips"))?);
@@ -85,6 +90,15 @@ pub fn simulate(scenario: &Scenario, out: &Path) -> Result<SimulationReport, Sim
     let project = out.join("project.toml");
     write_text(&project, &text::project(scenario))?;
     Ok(SimulationReport { project, strips, truth: survey.truth().clone() })
+}
+
+/// Removes a file of an earlier survey, which the project would take for its own; says whether there was one.
+pub(crate) fn remove_old(path: &Path) -> Result<bool, SimulateError> {
+    match std::fs::remove_file(path) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Err(source) => Err(SimulateError::Io { path: path.to_path_buf(), source }),
+    }
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), SimulateError> {

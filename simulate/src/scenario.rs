@@ -331,7 +331,7 @@ impl Scenario {
     }
 }
 
-fn require(
+pub(crate) fn require(
     key: &'static str,
     is_good: bool,
     value: &dyn std::fmt::Display,
@@ -343,10 +343,10 @@ fn require(
     }
 }
 
-fn positive(key: &'static str, value: f64) -> Result<(), SimulateError> {
+pub(crate) fn positive(key: &'static str, value: f64) -> Result<(), SimulateError> {
     require(key, value > 0.0 && value.is_finite(), &value, "a number above zero was due")
 }
 
-fn not_negative(key: &'static str, value: f64) -> Result<(), SimulateError> {
+pub(crate) fn not_negative(key: &'static str, value: f64) -> Result<(), SimulateError> {
     require(key, value >= 0.0 && value.is_finite(), &value, "a number of zero or more was due")
 }

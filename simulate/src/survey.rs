@@ -237,20 +237,20 @@ fn intensity(brightness: f64) -> u16 {
 
 /// Poses of a trajectory at growing times: as [`Trajectory::pose_at`], without its search.
 #[derive(Debug)]
-struct PoseCursor<'a> {
+pub(crate) struct PoseCursor<'a> {
     trajectory: &'a Trajectory,
     interval: usize,
 }
 
 /// Turns body axes at the origin's north-east-down into east, north, up.
-type MapFromBody = nalgebra::Matrix3<f64>;
+pub(crate) type MapFromBody = nalgebra::Matrix3<f64>;
 
 impl<'a> PoseCursor<'a> {
-    fn new(trajectory: &'a Trajectory, time_s: f64) -> Self {
+    pub(crate) fn new(trajectory: &'a Trajectory, time_s: f64) -> Self {
         Self { trajectory, interval: trajectory.interval(time_s) }
     }
 
-    fn at(&mut self, time_s: f64) -> (Vector3<f64>, MapFromBody) {
+    pub(crate) fn at(&mut self, time_s: f64) -> (Vector3<f64>, MapFromBody) {
         let times = self.trajectory.time_s();
         while self.interval + 2 < times.len() && times[self.interval + 1] <= time_s {
             self.interval += 1;

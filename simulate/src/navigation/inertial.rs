@@ -27,7 +27,7 @@ const QUADRATURE: [(f64, f64); 4] = [
 
 /// Number of intervals of a rate in a span.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-pub(super) fn count(span_s: f64, interval_s: f64) -> u32 {
+pub(crate) fn count(span_s: f64, interval_s: f64) -> u32 {
     (span_s / interval_s + 1e-9).floor().max(0.0) as u32
 }
 
@@ -57,7 +57,7 @@ pub fn ideal_increments(motion: &Motion, (start_s, end_s): (f64, f64), rate_hz: 
 ///
 /// Biases are a constant of the switch-on plus a stationary first-order Gauss-Markov process; scale errors are such a
 /// process with the same correlation time, but an hour at least.
-pub(super) fn add_errors(samples: &mut [ImuSample], noise: &ImuNoise, rate_hz: f64, seed: u64) -> Vec<ImuErrors> {
+pub(crate) fn add_errors(samples: &mut [ImuSample], noise: &ImuNoise, rate_hz: f64, seed: u64) -> Vec<ImuErrors> {
     let mut random = Random::new(seed, &[21]);
     let interval_s = 1.0 / rate_hz;
     let beyond = (noise.switch_on.powi(2) - 1.0).max(0.0).sqrt();

@@ -18,7 +18,7 @@
 pub mod aiding;
 pub mod inertial;
 pub mod motion;
-mod process;
+pub(crate) mod process;
 pub mod route;
 pub mod scenario;
 pub mod spline;

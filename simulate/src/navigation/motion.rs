@@ -45,6 +45,12 @@ impl Motion {
         ned_from_body(angles.x, angles.y, angles.z)
     }
 
+    /// Position \[m\] and attitude in the axes north, east, down of the origin.
+    #[must_use]
+    pub fn local_pose(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        (self.position.at(time_s).value, self.local_from_body(time_s))
+    }
+
     /// Earth-centred position \[m\].
     #[must_use]
     pub fn ecef_m(&self, time_s: f64) -> Vector3<f64> {

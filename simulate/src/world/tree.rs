@@ -16,8 +16,18 @@ pub struct Tree {
 }
 
 impl Tree {
+    /// A crown about a point.
+    pub(crate) fn new(centre: Vector3<f64>, radius_m: f64, half_height_m: f64) -> Self {
+        Self { centre, radius_m, half_height_m }
+    }
+
+    /// Middle of the crown.
+    pub(crate) fn centre_m(&self) -> Vector3<f64> {
+        self.centre
+    }
+
     /// Where a ray enters and leaves the crown \[m\].
-    pub(super) fn span(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
+    pub(crate) fn span(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
         let squeeze =
             |v: Vector3<f64>| Vector3::new(v.x / self.radius_m, v.y / self.radius_m, v.z / self.half_height_m);
         let (o, d) = (squeeze(origin - self.centre), squeeze(*direction));
@@ -27,7 +37,7 @@ impl Tree {
     }
 
     /// Depth \[m\] at which a beam meets a leaf: exponential.
-    pub(super) fn depth_m(random: &mut Random) -> f64 {
+    pub(crate) fn depth_m(random: &mut Random) -> f64 {
         -(1.0 - random.uniform()).ln() / DENSITY_PER_M
     }
 

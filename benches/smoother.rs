@@ -92,7 +92,12 @@ fn ties(truth: &NavigationTruth, start_s: f64) -> Vec<FilterTie> {
         let n = nav(time_s);
         let ned = ned_from_ecef(n.geodetic.x, n.geodetic.y) * (hit_ecef_m - ecef_from_geodetic(&n.geodetic));
         let body_vector_m = n.ned_from_body.inverse_transform_vector(&ned);
-        Sighting { time_s, body_vector_m, covariance_m2: Matrix3::identity() * sigma_m.powi(2) }
+        Sighting {
+            time_s,
+            body_vector_m,
+            covariance_m2: Matrix3::identity() * sigma_m.powi(2),
+            by_constant: Vec::new(),
+        }
     };
     let tie = |id: u64, from_s: f64, to_s: f64, sigma_m: f64| {
         let n = nav(from_s);

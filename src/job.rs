@@ -16,6 +16,7 @@ use crate::report::data::{FileSummary, Timing};
 use crate::sample::Sample;
 use crate::settings::{Setting, Settings};
 use crate::stage::correct::{Corrections, correct_file, output_names};
+use crate::stage::drive::DriveSolution;
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
 use crate::stage::ties::{ControlPoint, Ties, find};
@@ -235,19 +236,46 @@ pub fn correct_strips(
     progress: Progress,
     clock: &mut Clock,
 ) -> Result<Vec<FileSummary>> {
-    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
     clock.time("correct", || {
         let corrections = Corrections::new(setup, model, &matched.strips, &matched.poses, matched.rule, inverse)?;
-        let bar = progress.bar("correcting strips", matched.survey.points());
-        // files side by side as well: small ones leave cores idle while one is being finished
-        let files = output_names(&matched.survey)
-            .into_par_iter()
-            .map(|(i, name)| {
-                let file = &matched.survey.files[i];
-                correct_file(file, &folder.join(name), &corrections, project.correct.scale_m, &|n| bar.inc(n))
-            })
-            .collect();
-        bar.finish();
-        files
+        write_corrected(project, matched, &corrections, folder, progress)
     })
+}
+
+/// Writes the corrected strips of a drive into a folder.
+///
+/// # Errors
+/// When a trajectory does not cover a strip, or a file cannot be read or written; files already complete stay.
+pub fn correct_drive(
+    project: &Project,
+    matched: &Matched,
+    drive: &DriveSolution,
+    folder: &Path,
+    progress: Progress,
+    clock: &mut Clock,
+) -> Result<Vec<FileSummary>> {
+    clock.time("correct", || {
+        write_corrected(project, matched, &Corrections::of_drive(drive, matched)?, folder, progress)
+    })
+}
+
+fn write_corrected(
+    project: &Project,
+    matched: &Matched,
+    corrections: &Corrections<'_>,
+    folder: &Path,
+    progress: Progress,
+) -> Result<Vec<FileSummary>> {
+    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
+    let bar = progress.bar("correcting strips", matched.survey.points());
+    // files side by side as well: small ones leave cores idle while one is being finished
+    let files = output_names(&matched.survey)
+        .into_par_iter()
+        .map(|(i, name)| {
+            let file = &matched.survey.files[i];
+            correct_file(file, &folder.join(name), corrections, project.correct.scale_m, &|n| bar.inc(n))
+        })
+        .collect();
+    bar.finish();
+    files
 }

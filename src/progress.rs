@@ -38,4 +38,18 @@ impl Progress {
         bar.enable_steady_tick(Duration::from_millis(250));
         bar
     }
+
+    /// A mark that turns, with the time that has passed, for work whose length is not known.
+    #[must_use]
+    pub fn spinner(&self, what: &'static str) -> ProgressBar {
+        if !self.visible {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::new_spinner().with_message(what);
+        if let Ok(style) = ProgressStyle::with_template("{msg:<40} {spinner} {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(Duration::from_millis(250));
+        bar
+    }
 }

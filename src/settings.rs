@@ -106,7 +106,9 @@ impl Settings {
         tell("match.returns", format!("{:?}", filter.returns).to_lowercase(), "last returns reach the hard surface");
         // A cell takes about 170 bytes with its place in the index; half the budget is for cells.
         let cells_in_memory = ((memory_bytes / 2 / 170) as usize / threads.max(1)).clamp(20_000, 50_000_000);
-        let grid = GridOptions { origin_m: survey.origin_m, cell_bits, cells_in_memory, filter, rule };
+        // a vehicle turns: what it sees of a place a second later it sees from elsewhere
+        let time_bin_s = if project.imu.is_some() { 0.5 } else { 8.0 };
+        let grid = GridOptions { origin_m: survey.origin_m, cell_bits, time_bin_s, cells_in_memory, filter, rule };
 
         let min_points = m.min_points.unwrap_or(8);
         tell("match.min_points", min_points.to_string(), "a plane with a residual that means something");

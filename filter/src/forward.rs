@@ -12,6 +12,7 @@ use crate::kalman::{Gaussian, Measurement, Slots, Stay};
 use crate::options::{InitialState, Options, Process, TieForm};
 use crate::propagate::Propagator;
 use crate::smoother::SmootherError;
+use crate::solution::CalibrationEstimate;
 use crate::state::{ATTITUDE, Layout, Nominal, POSITION, VELOCITY};
 use crate::tape::{NodeRecord, Operation, Tape};
 use crate::transition::Transition;
@@ -52,6 +53,7 @@ pub(crate) struct Forward {
     pub tie_updates: Vec<TieUpdate>,
     pub lost: Vec<(f64, MeasurementKind)>,
     pub bridged: Vec<(f64, f64)>,
+    pub calibration: CalibrationEstimate,
 }
 
 /// A tie that is being seen.
@@ -100,6 +102,12 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
     let prior = Nominal { nav: plan.initial.nav, parameters: plan.options.parameters(plan.initial) };
     let variances = plan.options.initial_variances(layout, plan.initial);
     let mut gaussian = Gaussian::new(&variances, slots(plan.options));
+    if let Some(at) = layout.calibration {
+        let count = layout.base - at;
+        for (k, value) in plan.options.calibration_covariance.iter().enumerate() {
+            gaussian.set_covariance(at + k / count, at + k % count, *value);
+        }
+    }
     let mut nominal = prior;
     if let Some(reference) = plan.reference {
         nominal = reference[0];
@@ -156,6 +164,13 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
             main_s = time_s;
         }
     }
+    if let Some(at) = layout.calibration {
+        // constants: what the filter knows at the end is all there is to know
+        let (mean, states) = (run.gaussian.mean(), at..layout.base);
+        run.result.calibration.value = mean[states.clone()].to_vec();
+        run.result.calibration.covariance =
+            states.flat_map(|i| run.gaussian.row(i)[at..layout.base].to_vec()).collect();
+    }
     run.result.bridged = std::mem::take(&mut run.propagator.bridged);
     Ok(run.result)
 }
@@ -178,10 +193,9 @@ impl Run<'_> {
         if self.plan.reference.is_some() {
             return;
         }
-        let base = self.plan.layout.base;
         let error = self.error_now();
         self.propagator.nominal.shift(self.plan.layout, &error);
-        self.gaussian.mean_mut()[..base].fill(0.0);
+        self.gaussian.mean_mut()[..self.plan.layout.nominal_states()].fill(0.0);
     }
 
     /// The mean of the filter's own errors, carried over what the covariance is behind by.
@@ -359,7 +373,13 @@ impl Run<'_> {
         let tie = &self.plan.inputs.ties[t];
         let sighting = &tie.sightings[s];
         let nominal = self.propagator.nominal;
-        let (values, rows) = tie::coordinates(&nominal, tie, sighting, &self.origin_ecef_m, self.propagator.held_s());
+        let (values, rows) = tie::coordinates(
+            &nominal,
+            tie,
+            sighting,
+            &self.origin_ecef_m,
+            (self.propagator.held_s(), self.plan.layout.calibration),
+        );
         let noise = tie::noise(tie, sighting);
         let rank = values.len();
         if let Some(known) = &tie.known_m {

@@ -56,7 +56,7 @@ pub use imu::{Imu, ImuError, ImuSample};
 pub use observation::{TieEnd, TieKind, TieObservation};
 pub use options::{InitialState, Options};
 pub use smoother::{Smoother, SmootherError};
-pub use solution::Solution;
+pub use solution::{CalibrationEstimate, Solution};
 pub use strapdown::NavState;
 pub use time::{GpsTime, SurveyClock, TimeEncoding};
 pub use trajectory::{Pose, PoseSigma, PositionFrame, Trajectory, TrajectoryError};

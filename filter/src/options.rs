@@ -39,7 +39,7 @@ impl Default for GnssModel {
         Self {
             lever_arm_m: Vector3::zeros(),
             lever_arm_sigma_m: 0.0,
-            correlated_share: 0.5,
+            correlated_share: 0.2,
             correlation_s: 100.0,
             least_sigma_m: 0.003,
             sigma_factor: 1.0,
@@ -169,6 +169,9 @@ pub struct Options {
     pub false_alarm: f64,
     /// Longest interval between stored nodes \[s\].
     pub node_interval_s: f64,
+    /// Covariance beforehand of the constants that sightings of ties depend on, row-major, each in a unit of its own; they
+    /// are estimated together with the trajectory. See [`crate::Sighting::by_constant`].
+    pub calibration_covariance: Vec<f64>,
     /// Longest step of the covariance \[s\].
     pub step_s: f64,
     /// Most runs over the data.
@@ -190,6 +193,7 @@ impl Options {
             ties: TieModel::default(),
             false_alarm: 1e-4,
             node_interval_s: 1.0,
+            calibration_covariance: Vec::new(),
             step_s: 0.05,
             most_runs: 10,
             memory_bytes: 256 << 20,
@@ -207,6 +211,7 @@ impl Options {
             odometer_scale: self.odometer.is_some_and(|o| o.scale_sigma > 0.0),
             mounting: self.odometer.is_some() || self.constraint.is_some(),
             slip: self.constraint.is_some(),
+            calibration: self.calibration_covariance.len().isqrt(),
         })
     }
 
@@ -256,6 +261,12 @@ impl Options {
         for (k, slip) in slip.into_iter().enumerate() {
             one(layout.mounting.map(|at| at + k), mounting);
             one(layout.slip.map(|at| at + k), slip);
+        }
+        if let Some(at) = layout.calibration {
+            let count = layout.base - at;
+            for (k, s) in sigma[at..].iter_mut().enumerate() {
+                *s = self.calibration_covariance[k * (count + 1)].sqrt();
+            }
         }
         sigma.iter().map(|s| s * s).collect()
     }

@@ -135,6 +135,7 @@ impl Smoother {
                     layout,
                     nodes,
                     filter,
+                    calibration: std::mem::take(&mut forward.calibration),
                     innovations,
                     ties: TieUse::of_all(inputs, &ties, &forward.tie_weight),
                     notes: notes_of(&forward, &ties, runs, change),

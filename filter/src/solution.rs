@@ -27,6 +27,23 @@ pub struct EpochEstimate {
     pub sigma: PoseSigma,
 }
 
+/// The constants that ties depend on, as estimated.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CalibrationEstimate {
+    /// Values, each in its unit.
+    pub value: Vec<f64>,
+    /// Covariance, row-major.
+    pub covariance: Vec<f64>,
+}
+
+impl CalibrationEstimate {
+    /// Standard deviation of a constant.
+    #[must_use]
+    pub fn sigma(&self, number: usize) -> f64 {
+        self.covariance[number * (self.value.len() + 1)].max(0.0).sqrt()
+    }
+}
+
 /// How a tie fared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TieUse {
@@ -66,6 +83,8 @@ pub struct Solution {
     pub nodes: Vec<SmoothedNode>,
     /// The same nodes as the forward filter saw them.
     pub filter: Vec<FilterNode>,
+    /// The constants of the calibration.
+    pub calibration: CalibrationEstimate,
     /// Innovations of the first forward pass.
     pub innovations: Vec<Innovation>,
     /// Ties, in the order they were given.
@@ -198,7 +217,8 @@ impl Solution {
             for (nav, (_, t, s)) in between(inputs, from, to, &self.layout, &times).into_iter().zip(group) {
                 let tie = &inputs.ties[*t];
                 let nominal = Nominal { nav, parameters: from.parameters };
-                residuals[*t][*s] = coordinates(&nominal, tie, &tie.sightings[*s], &origin, 0.0).0[0];
+                let sighting = tie.sightings[*s].calibrated(&self.calibration.value);
+                residuals[*t][*s] = coordinates(&nominal, tie, &sighting, &origin, (0.0, None)).0[0];
             }
         }
         for (tie, values) in inputs.ties.iter().zip(&mut residuals) {

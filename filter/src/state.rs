@@ -17,6 +17,7 @@
 //! | | odometer scale | 1 | constant |
 //! | | pitch and yaw of the vehicle in b | rad | constant |
 //! | | sideways and vertical slip of the vehicle | m/s | first-order Gauss-Markov |
+//! | | calibration: what ties depend on beside the pose, as their sightings say | any | constant |
 //!
 //! Errors are *true minus nominal*. Landmarks and clones stand behind these in slots of their own.
 
@@ -61,6 +62,8 @@ pub struct Layout {
     pub mounting: Option<usize>,
     /// Slip right and down: two.
     pub slip: Option<usize>,
+    /// Calibration: from here to the end.
+    pub calibration: Option<usize>,
     /// States before the landmarks.
     pub base: usize,
 }
@@ -83,6 +86,8 @@ pub struct Optional {
     pub mounting: bool,
     /// Slip of the vehicle.
     pub slip: bool,
+    /// Number of calibration states.
+    pub calibration: usize,
 }
 
 impl Layout {
@@ -104,16 +109,23 @@ impl Layout {
             odometer_scale: place(optional.odometer_scale, 1),
             mounting: place(optional.mounting, 2),
             slip: place(optional.slip, 2),
+            calibration: place(optional.calibration > 0, optional.calibration),
             base: 0,
         };
         layout.base = base;
         layout
     }
 
-    /// Names of the states with their units.
+    /// States that the nominal holds; the calibration is counted from zero and stands in the errors alone.
+    #[must_use]
+    pub fn nominal_states(&self) -> usize {
+        self.calibration.unwrap_or(self.base)
+    }
+
+    /// Names of the states with their units, but for the calibration, whose meaning the ties know.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
-        let mut names = vec![String::new(); self.base];
+        let mut names = vec![String::new(); self.nominal_states()];
         let mut name = |at: Option<usize>, parts: &[&str]| {
             for (k, part) in parts.iter().enumerate() {
                 if let Some(at) = at {
@@ -202,7 +214,9 @@ impl Nominal {
     #[must_use]
     pub fn parameter_values(&self, layout: &Layout) -> Vec<f64> {
         let zero = Self { parameters: Parameters::default(), ..*self };
-        self.minus(&zero, layout).split_off(NAV)
+        let mut values = self.minus(&zero, layout);
+        values.truncate(layout.nominal_states());
+        values.split_off(NAV)
     }
 
     /// Lets the parameters decay by the factors of the states from the gyro biases on.

@@ -6,7 +6,7 @@
 use std::io;
 
 use crate::block::{PointBlock, PointFilter, SourceKey, SourceRule};
-use crate::cell::{Cell, CellKey, Place, TIME_BIN_S};
+use crate::cell::{Cell, CellKey, Place};
 use crate::moments::{Moments, STEPS_PER_METRE, TICKS_PER_SECOND};
 use crate::runs::Run;
 use crate::sketch::{ReturnPair, SamplePoint, SightingRun, Sketches, mix};
@@ -18,6 +18,9 @@ pub struct GridOptions {
     pub origin_m: [f64; 3],
     /// Edge of a cell is 2^`cell_bits` steps: 14 is one metre.
     pub cell_bits: u32,
+    /// Length of a time bin, a power of two \[s\]: visits of one source to one cell further apart than two bins are two
+    /// passes, and a patch holds the points of one.
+    pub time_bin_s: f64,
     /// Cells that one accumulator holds before it spills.
     pub cells_in_memory: usize,
     /// Which points take part.
@@ -126,7 +129,7 @@ impl Accumulator {
     /// When the temporary file of a spill cannot be written.
     #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // coordinates are checked by Place::new
     pub fn add(&mut self, block: &PointBlock<'_>) -> io::Result<()> {
-        let GridOptions { origin_m, cell_bits, cells_in_memory, .. } = self.options;
+        let GridOptions { origin_m, cell_bits, cells_in_memory, time_bin_s, .. } = self.options;
         let step = block.scale_m.map(|s| s * STEPS_PER_METRE);
         let start: [f64; 3] = std::array::from_fn(|k| (block.offset_m[k] - origin_m[k]) * STEPS_PER_METRE);
         let mask = (1_i64 << cell_bits) - 1;
@@ -171,9 +174,9 @@ impl Accumulator {
                     counts.out_of_reach += 1;
                     continue;
                 };
-                let bin = floor(time_s * (1.0 / TIME_BIN_S));
-                bin_start_s = bin as f64 * TIME_BIN_S;
-                bin_end_s = (bin + 1) as f64 * TIME_BIN_S;
+                let bin = floor(time_s * (1.0 / time_bin_s));
+                bin_start_s = bin as f64 * time_bin_s;
+                bin_end_s = (bin + 1) as f64 * time_bin_s;
                 row = self.row(CellKey { place, source, bin });
                 (last_cell, last_source) = (cell, source);
             }

@@ -74,12 +74,9 @@ pub struct CellKey {
     pub place: Place,
     /// Which source.
     pub source: SourceKey,
-    /// Which time bin, see [`TIME_BIN_S`].
+    /// Which time bin, see [`crate::GridOptions::time_bin_s`].
     pub bin: i64,
 }
-
-/// Length of a time bin \[s\]: visits of one source to one cell further apart than two bins are two passes.
-pub(crate) const TIME_BIN_S: f64 = 8.0;
 
 /// The sums of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]

@@ -6,7 +6,7 @@
 //! parallel to and close by the face of its cell is dropped: its points are cut off on one side and the plane biased.
 
 use crate::accumulate::GridOptions;
-use crate::cell::{Cell, TIME_BIN_S};
+use crate::cell::Cell;
 use crate::moments::{Moments, TICKS_PER_SECOND};
 use crate::patch::{Patch, Sighting};
 use crate::strip::StripIndex;
@@ -47,7 +47,7 @@ pub fn patches_of_tile(cells: &[Cell], grid: &GridOptions, strips: &StripIndex, 
         .iter()
         .filter_map(|cell| {
             let mean_ticks = cell.moments.time as f64 / cell.moments.n.max(1) as f64;
-            let time_s = cell.key.bin as f64 * TIME_BIN_S + mean_ticks / TICKS_PER_SECOND;
+            let time_s = cell.key.bin as f64 * grid.time_bin_s + mean_ticks / TICKS_PER_SECOND;
             let (strip, scanner) = strips.find(cell.key.source, time_s)?;
             let [x, y, layer] = cell.key.place.indices();
             Some(Piece { column: [x, y], layer, strip, scanner, bin: cell.key.bin, moments: cell.moments })
@@ -156,15 +156,19 @@ impl Split<'_> {
             let cells = [p.column[0] - corner[0], p.column[1] - corner[1], p.layer - corner[2]];
             let d = cells.map(|c| i64::from(c) << self.grid.cell_bits);
             #[allow(clippy::cast_possible_truncation)]
-            let ticks = (p.bin - bin) * (TIME_BIN_S * TICKS_PER_SECOND) as i64;
+            let ticks = (p.bin - bin) * (self.grid.time_bin_s * TICKS_PER_SECOND) as i64;
             sum.merge(&p.moments.shifted(d, ticks));
         }
         if sum.n < i64::from(self.options.min_points) {
             return None;
         }
         let cell_m = self.grid.cell_m();
-        let patch =
-            Patch::from_moments(&sum, corner.map(|c| f64::from(c) * cell_m), bin as f64 * TIME_BIN_S, sighting)?;
+        let patch = Patch::from_moments(
+            &sum,
+            corner.map(|c| f64::from(c) * cell_m),
+            bin as f64 * self.grid.time_bin_s,
+            sighting,
+        )?;
         let width_m = cell_m * f64::from(1_u32 << level);
         let planar = patch.roughness_m <= self.options.max_roughness_m
             && patch.roughness_m < 0.25 * patch.spread_m[1]

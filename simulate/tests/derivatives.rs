@@ -26,6 +26,7 @@ fn layout() -> Layout {
         odometer_scale: true,
         mounting: true,
         slip: true,
+        calibration: 3,
     })
 }
 
@@ -142,19 +143,26 @@ fn rows_of_ties_equal_central_differences() {
         time_s: 100.0,
         body_vector_m: Vector3::new(25.0, -14.0, 3.0),
         covariance_m2: Matrix3::new(4e-4, 1e-4, 0.0, 1e-4, 9e-4, 0.0, 0.0, 0.0, 1e-4),
+        by_constant: vec![(1, Vector3::new(0.3, -0.2, 0.9)), (2, Vector3::new(-0.5, 0.1, 0.4))],
     };
     let directions = vec![
         Vector3::new(0.3, -0.5, 0.8).normalize(),
         Vector3::new(0.8, 0.6, 0.1).normalize(),
         Vector3::new(-0.2, 0.5, 0.4).normalize(),
     ];
-    let tie = FilterTie { id: 0, kind: TieKind::XyzPoint, directions, sightings: vec![sighting; 3], known_m: None };
+    let tie = FilterTie {
+        id: 0,
+        kind: TieKind::XyzPoint,
+        directions,
+        sightings: vec![sighting.clone(), sighting.clone(), sighting.clone()],
+        known_m: None,
+    };
     let origin = tieline_filter::earth::ecef_from_geodetic(&(nominal().nav.geodetic + Vector3::new(1e-5, 1e-5, 3.0)));
     let base = layout().base;
-    let values_now = tie::coordinates(&nominal(), &tie, &sighting, &origin, 0.0).0;
+    let values_now = tie::coordinates(&nominal(), &tie, &sighting, &origin, (0.0, None)).0;
     let noise = tie::noise(&tie, &sighting);
     let landmark = |n: &Nominal| {
-        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, 0.0);
+        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, (0.0, None));
         tie::against_landmark(&values, &rows, &noise, &[base, base + 1, base + 2], &values_now)
     };
     compare("landmark", |n, _| landmark(n), 2e-5);
@@ -163,7 +171,7 @@ fn rows_of_ties_equal_central_differences() {
         (1, vec![base + 3, base + 4, base + 5], values_now.clone()),
     ];
     let all = |n: &Nominal| {
-        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, 0.0);
+        let (values, rows) = tie::coordinates(n, &tie, &sighting, &origin, (0.0, None));
         tie::all_at_once(&tie, 2, &values, &rows, &clones)
     };
     compare("delayed", |n, _| all(n), 2e-5);

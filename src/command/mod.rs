@@ -2,6 +2,7 @@
 
 pub mod convert;
 pub mod difference;
+pub mod drive;
 pub mod info;
 pub mod navigate;
 pub mod project;

@@ -15,6 +15,7 @@ use tieline_io::trajectory::{PieceFormat, PieceWriter};
 use crate::cli::{Common, JobArgs};
 use crate::command::project::out_folder;
 use crate::memory::peak_bytes;
+use crate::progress::Progress;
 use crate::project::Project;
 use crate::stage::navigate::{Mask, load, navigate};
 
@@ -27,24 +28,12 @@ pub fn solve(project: &Project, args: &JobArgs, masks: &[Mask], common: &Common,
     let start = Instant::now();
     let measurements = load(project, masks)?;
     let read_s = start.elapsed().as_secs_f64();
+    let bar = Progress::new(common.quiet || common.json).spinner("estimating the trajectory");
     let solution = navigate(project, &measurements, args.memory.max(16) << 20)?;
+    bar.finish_and_clear();
     let solve_s = start.elapsed().as_secs_f64() - read_s;
     let (inputs, clock) = (&measurements.inputs, &measurements.clock);
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("the output folder {} cannot be created", folder.display()))?;
-    let csv = |name: &str| PieceWriter::create(&folder.join(name), PieceFormat::Csv(*clock));
-    let smoothed = write_epochs(
-        solution.epochs(inputs),
-        solution.clock_offset_s(),
-        vec![
-            csv("trajectory.csv")?,
-            PieceWriter::create(&folder.join("trajectory.sbet"), PieceFormat::Sbet)?,
-            PieceWriter::create(&folder.join("trajectory_rms.out"), PieceFormat::Smrmsg)?,
-        ],
-    )?;
-    write_epochs(solution.filter_epochs(inputs), solution.clock_offset_s(), vec![csv("forward.csv")?])?;
-    whole(&folder.join("innovations.csv"), |w| innovations(w, &solution, clock))?;
-    whole(&folder.join("states.csv"), |w| states(w, &solution, clock))?;
+    let smoothed = write_navigation(&folder, &solution, inputs, clock)?;
     let write_s = start.elapsed().as_secs_f64() - read_s - solve_s;
     let mut notes = measurements.notes.clone();
     notes.extend(solution.notes.iter().cloned());
@@ -69,17 +58,43 @@ pub fn solve(project: &Project, args: &JobArgs, masks: &[Mask], common: &Common,
     Ok(())
 }
 
+/// Writes trajectory, forward solution, innovations and states into a folder.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_navigation(folder: &Path, solution: &Solution, inputs: &Inputs, clock: &SurveyClock) -> Result<Written> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("the output folder {} cannot be created", folder.display()))?;
+    let csv = |name: &str| PieceWriter::create(&folder.join(name), PieceFormat::Csv(*clock));
+    let smoothed = write_epochs(
+        solution.epochs(inputs),
+        solution.clock_offset_s(),
+        vec![
+            csv("trajectory.csv")?,
+            PieceWriter::create(&folder.join("trajectory.sbet"), PieceFormat::Sbet)?,
+            PieceWriter::create(&folder.join("trajectory_rms.out"), PieceFormat::Smrmsg)?,
+        ],
+    )?;
+    write_epochs(solution.filter_epochs(inputs), solution.clock_offset_s(), vec![csv("forward.csv")?])?;
+    whole(&folder.join("innovations.csv"), |w| innovations(w, solution, clock))?;
+    whole(&folder.join("states.csv"), |w| states(w, solution, clock))?;
+    Ok(smoothed)
+}
+
 /// Epochs that are in memory at a time.
 const PIECE: usize = 1 << 16;
 
 /// What is to be said of a trajectory as a whole.
 #[derive(Debug, Clone, Copy, Default)]
-struct Written {
-    epochs: usize,
-    span_s: (f64, f64),
-    /// Root mean squares of the standard deviations.
-    position_sigma_m: [f64; 3],
-    attitude_sigma_rad: [f64; 3],
+pub struct Written {
+    /// Epochs.
+    pub epochs: usize,
+    /// First and last \[s\].
+    pub span_s: (f64, f64),
+    /// Root mean squares of the standard deviations north, east, down \[m\].
+    pub position_sigma_m: [f64; 3],
+    /// The same of roll, pitch, heading \[rad\].
+    pub attitude_sigma_rad: [f64; 3],
 }
 
 /// Writes epochs in GPS time, piece by piece.

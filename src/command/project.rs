@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use tieline_graph::Model;
 
 use crate::cli::{Common, CorrectArgs, JobArgs};
-use crate::command::navigate;
+use crate::command::{drive, navigate};
 use crate::job::{Clock, JobOptions, Matched, correct_strips, match_strips, setup_of, solve_strips};
 use crate::memory::peak_bytes;
 use crate::outputs::{write_calibration, write_corrections, write_ties};
@@ -51,6 +51,9 @@ pub fn run(args: &JobArgs, overwrite: bool, common: &Common, out: &mut impl Writ
     let project = Project::load(&args.project)?;
     if project.strips.is_empty() {
         return navigate::solve(&project, args, &[], common, out);
+    }
+    if project.imu.is_some() {
+        return drive::run(&project, args, &options, common, out);
     }
     let mut clock = Clock::default();
     let matched = match_strips(&project, &options, &mut clock)?;

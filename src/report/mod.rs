@@ -2,6 +2,7 @@
 
 mod colour;
 pub mod data;
+pub mod drive;
 #[cfg(test)]
 mod example;
 mod findings;

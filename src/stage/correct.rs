@@ -5,11 +5,14 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, anyhow};
 use nalgebra::Vector3;
-use tieline_graph::{Model, PointMap};
+use tieline_graph::{Model, PointMap, PoseCorrection};
 use tieline_io::las::{EditError, LasFile, RewriteOptions, output_offset, output_scale, rewrite};
 use tieline_matching::{SourceKey, SourceRule, StripIndex};
 
+use crate::job::Matched;
 use crate::report::data::FileSummary;
+use crate::stage::drive::DriveSolution;
+use crate::stage::drive::curve::RangeSpline;
 use crate::stage::solve::Setup;
 use crate::stage::trajectory::Poses;
 use crate::survey::{Survey, SurveyFile};
@@ -63,6 +66,8 @@ pub struct Corrections<'a> {
     strips: &'a StripIndex,
     rule: SourceRule,
     knots: Vec<Vec<Option<Knots>>>,
+    /// Range corrections by scanner.
+    curves: Vec<Option<(RangeSpline, Vec<f64>)>>,
     inverse: bool,
 }
 
@@ -103,7 +108,43 @@ impl<'a> Corrections<'a> {
             }
             knots.push(of_strip);
         }
-        Ok(Self { strips, rule, knots, inverse })
+        Ok(Self { strips, rule, knots, curves: vec![None; strips.scanner_numbers().len()], inverse })
+    }
+
+    /// Corrections of a drive: the difference of the trajectories and the calibration, range corrections included.
+    ///
+    /// # Errors
+    /// When a trajectory does not cover a strip.
+    pub fn of_drive(drive: &DriveSolution, matched: &'a Matched) -> Result<Self> {
+        let (strips, values) = (&matched.strips, &drive.solution.calibration.value);
+        let constants = &drive.constants;
+        let mut knots = Vec::new();
+        for (i, strip) in strips.strips().iter().enumerate() {
+            let number = u32::try_from(i)?;
+            let mut of_strip = Vec::new();
+            for scanner in 0..strips.scanner_numbers().len() {
+                if !strip.scanners.contains(&u16::try_from(scanner)?) {
+                    of_strip.push(None);
+                    continue;
+                }
+                let calibration = constants.calibration(scanner, values);
+                let latency_s = constants.latency_s(scanner, values);
+                let map_at = |time_s: f64| {
+                    let not_covered = || anyhow!("strip {}: no pose at {time_s:.3} s", strip.name);
+                    let old = matched.poses.at(number, time_s).ok_or_else(not_covered)?;
+                    let new = drive.pose_at(time_s + latency_s).ok_or_else(not_covered)?;
+                    let correction = PoseCorrection {
+                        position_ned_m: old.ned_vector_m(&new.position),
+                        rotation_ned_rad: (new.ned_from_body * old.ned_from_body.inverse()).scaled_axis(),
+                    };
+                    Ok(PointMap::new(&old, &constants.lever_arm_m(scanner), &correction, &calibration))
+                };
+                of_strip.push(Some(Knots::new(strip.start_s, strip.end_s, map_at)?));
+            }
+            knots.push(of_strip);
+        }
+        let curves = (0..strips.scanner_numbers().len()).map(|s| constants.range_curve(s, values)).collect();
+        Ok(Self { strips, rule: matched.rule, knots, curves, inverse: false })
     }
 
     /// Moves a point \[m\] of a source at a survey time \[s\]; `None` when the source is not known.
@@ -127,7 +168,16 @@ impl<'a> Corrections<'a> {
             };
         }
         let map = self.knots[last.strip][last.scanner].as_ref()?.at(time_s);
-        Some(if self.inverse { map.undo(point) } else { point + map.delta_m(point) })
+        if self.inverse {
+            return Some(map.undo(point));
+        }
+        let mut moved = point + map.delta_m(point);
+        if let Some((spline, coefficients)) = &self.curves[last.scanner] {
+            let ray = moved - map.scanner_m - map.shift_m;
+            let range_m = ray.norm().max(1e-3);
+            moved += ray * (spline.at(coefficients, range_m) / range_m);
+        }
+        Some(moved)
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod correct;
 pub mod difference;
+pub mod drive;
 pub mod navigate;
 pub mod scan;
 pub mod solve;

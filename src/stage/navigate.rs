@@ -255,14 +255,21 @@ pub fn options(project: &Project) -> Result<Options> {
 pub fn navigate(project: &Project, measurements: &Measurements, memory_bytes: u64) -> Result<Solution> {
     let mut options = options(project)?;
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
-    let inputs = &measurements.inputs;
+    smooth(project, &measurements.inputs, &options)
+}
+
+/// Estimates the trajectory of a project with given options.
+///
+/// # Errors
+/// As the smoother.
+pub fn smooth(project: &Project, inputs: &Inputs, options: &Options) -> Result<Solution> {
     match &project.initial {
         Some(section) => {
             let rests = tieline_filter::rest::find(&inputs.imu, &inputs.gnss);
             let rests = if options.standstill.is_some() { rests } else { Vec::new() };
-            Ok(Smoother::run_from(inputs, &options, &initial_of(section, inputs), rests)?)
+            Ok(Smoother::run_from(inputs, options, &initial_of(section, inputs), rests)?)
         }
-        None => Ok(Smoother::run(inputs, &options)?),
+        None => Ok(Smoother::run(inputs, options)?),
     }
 }
 

@@ -12,7 +12,7 @@ use crate::observation::TieKind;
 use crate::state::{ATTITUDE, Nominal, POSITION, VELOCITY};
 
 /// One sighting of a feature.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Sighting {
     /// Survey time \[s\].
     pub time_s: f64,
@@ -20,6 +20,19 @@ pub struct Sighting {
     pub body_vector_m: Vector3<f64>,
     /// Covariance along the feature's directions \[m²\]; only the first rows and columns count.
     pub covariance_m2: Matrix3<f64>,
+    /// What the body vector changes by with each constant of the calibration that it depends on: number and derivative
+    /// \[m per unit\].
+    pub by_constant: Vec<(usize, Vector3<f64>)>,
+}
+
+impl Sighting {
+    /// The sighting with the calibration applied.
+    #[must_use]
+    pub fn calibrated(&self, constants: &[f64]) -> Self {
+        let by = |(number, by): &(usize, Vector3<f64>)| by * constants.get(*number).copied().unwrap_or(0.0);
+        let moved: Vector3<f64> = self.by_constant.iter().map(by).sum();
+        Self { body_vector_m: self.body_vector_m + moved, by_constant: Vec::new(), ..*self }
+    }
 }
 
 /// A tie as the filter takes it.
@@ -40,14 +53,15 @@ pub struct FilterTie {
 /// Coordinates of a sighting from the origin along the directions \[m\], with their rows.
 ///
 /// The rows are over the errors `held_s` before the sighting: over a twentieth of a second a position's error grows by
-/// the velocity's; what else changes is below a tenth of a millimetre for any grade.
+/// the velocity's; what else changes is below a tenth of a millimetre for any grade. `calibration` is where the constants
+/// stand, if they are estimated.
 #[must_use]
 pub fn coordinates(
     nominal: &Nominal,
     tie: &FilterTie,
     sighting: &Sighting,
     origin_ecef_m: &Vector3<f64>,
-    held_s: f64,
+    (held_s, calibration): (f64, Option<usize>),
 ) -> (Vec<f64>, Vec<SparseRow>) {
     let here = &nominal.nav.geodetic;
     let ned_from_ecef = ned_from_ecef(here.x, here.y);
@@ -62,7 +76,10 @@ pub fn coordinates(
             let by_attitude = arm_ned.cross(&u); // -uᵀ [a]× = (a × u)ᵀ
             let now = (0..3).map(|k| (POSITION + k, u[k])).chain((0..3).map(|k| (ATTITUDE + k, by_attitude[k])));
             let moving = if held_s > 0.0 { 3 } else { 0 };
-            now.chain((0..moving).map(|k| (VELOCITY + k, held_s * u[k]))).collect()
+            let moved = now.chain((0..moving).map(|k| (VELOCITY + k, held_s * u[k])));
+            let u_body = nominal.nav.ned_from_body.inverse_transform_vector(&u);
+            let constants = calibration.into_iter().flat_map(|at| sighting.by_constant.iter().map(move |c| (at, c)));
+            moved.chain(constants.map(|(at, (number, by))| (at + number, u_body.dot(by)))).collect()
         })
         .collect();
     (values, rows)

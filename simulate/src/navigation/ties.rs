@@ -68,6 +68,7 @@ fn sighting(
         time_s,
         body_vector_m: body_from_ecef * (hit + normal * error_m - motion.ecef_m(time_s)),
         covariance_m2: Matrix3::identity() * (sigma_m * sigma_m),
+        by_constant: Vec::new(),
     }
 }
 

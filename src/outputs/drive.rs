@@ -1,0 +1,230 @@
+//! The files of a drive that others read: ties, range bias, calibration, correction over time.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use nalgebra::{Rotation3, Vector3, Vector6};
+use tieline_filter::frames::roll_pitch_heading_rad;
+use tieline_filter::{Correction, CorrectionRow};
+use tieline_io::correction::write_correction;
+use tieline_io::output::write_whole;
+use tieline_io::ties::{TieTable, write_csv, write_parquet};
+
+use super::{Row, push};
+use crate::job::Matched;
+use crate::project::Project;
+use crate::stage::drive::DriveSolution;
+use crate::stage::drive::constants::Term;
+use crate::stage::drive::residuals::Residual;
+
+/// Spacing of the rows of `range_bias.csv` \[m\].
+const RANGE_STEP_M: f64 = 0.25;
+/// Spacing of the rows of `correction.csv` \[s\].
+const CORRECTION_SPACING_S: f64 = 0.05;
+
+/// Writes all of them.
+///
+/// # Errors
+/// When one cannot be written.
+pub fn write_drive(
+    project: &Project,
+    matched: &Matched,
+    drive: &DriveSolution,
+    residuals: &[Residual],
+    out: &Path,
+    csv: bool,
+) -> Result<()> {
+    write_ties(project, matched, drive, residuals, out, csv)?;
+    let whole = |name: &str, text: &str| {
+        write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
+    };
+    whole("range_bias.csv", &range_bias(drive))?;
+    whole("calibration.toml", &calibration(project, drive))?;
+    write_correction_of(matched, drive, out)
+}
+
+/// `ties.parquet`, and `ties.csv` when asked: every end of every line.
+fn write_ties(
+    project: &Project,
+    matched: &Matched,
+    drive: &DriveSolution,
+    residuals: &[Residual],
+    out: &Path,
+    csv: bool,
+) -> Result<()> {
+    // what became of each line: used, or why not
+    let mut fate: BTreeMap<usize, (bool, &str)> = BTreeMap::new();
+    for ((line, _), used) in drive.chosen.of.iter().zip(&drive.solution.ties) {
+        let entry = fate.entry(*line).or_insert((false, ""));
+        match used.why_not {
+            None => *entry = (true, ""),
+            Some(why) if !entry.0 => entry.1 = why,
+            Some(_) => {}
+        }
+    }
+    let by_line: BTreeMap<usize, &Residual> = residuals.iter().map(|r| (r.line, r)).collect();
+    let mut table = TieTable::default();
+    for (i, line) in drive.lines.iter().enumerate() {
+        let (used, why_not) = fate.get(&i).copied().unwrap_or((false, if line.held_out { "" } else { "budget" }));
+        let residual = by_line.get(&i);
+        for (k, end) in line.ends.iter().enumerate() {
+            let increment = line.visits() == 1;
+            push(
+                &mut table,
+                project,
+                matched,
+                &Row {
+                    id: line.row,
+                    number: end.number,
+                    patch: &matched.ties.lines[line.row].ends[end.number].patch,
+                    kind: if increment { "increment" } else { "surface_line" },
+                    class: line.class().as_str(),
+                    sigma_m: end.sighting.covariance_m2[(0, 0)].sqrt(),
+                    before_m: residual.map_or(f64::NAN, |r| r.before_m[k]),
+                    after_m: residual.map_or(f64::NAN, |r| r.after_m[k]),
+                    used,
+                    held_out: line.held_out,
+                    why_not,
+                },
+            );
+        }
+    }
+    write_parquet(&out.join("ties.parquet"), &table)?;
+    if csv {
+        write_csv(&out.join("ties.csv"), &table)?;
+    }
+    Ok(())
+}
+
+/// Range bias of a scanner at a range and its standard deviation \[m\]: measured less true, the correction with its sign changed.
+#[must_use]
+pub fn bias_at(drive: &DriveSolution, scanner: usize, range_m: f64) -> Option<(f64, f64)> {
+    let first = drive.constants.first(scanner, Term::Range)?;
+    let (knot, weights) = drive.constants.splines[scanner].weights(range_m);
+    let estimate = &drive.solution.calibration;
+    let n = estimate.value.len();
+    let (mut value, mut variance) = (0.0, 0.0);
+    for (a, wa) in weights.iter().enumerate() {
+        let i = first + knot + a;
+        value += wa * estimate.value[i];
+        for (b, wb) in weights.iter().enumerate() {
+            variance += wa * wb * estimate.covariance[i * n + first + knot + b];
+        }
+    }
+    Some((-value, variance.max(0.0).sqrt()))
+}
+
+/// Ranges of a scanner's curve, a quarter of a metre apart.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+pub fn ranges_of_curve(drive: &DriveSolution, scanner: usize) -> impl Iterator<Item = f64> {
+    let (near_m, far_m) = drive.ranges_m.get(scanner).copied().unwrap_or((0.0, -1.0));
+    let first = (near_m / RANGE_STEP_M).ceil() as i64;
+    let last = (far_m / RANGE_STEP_M).floor() as i64;
+    (first..=last).map(|k| k as f64 * RANGE_STEP_M)
+}
+
+fn range_bias(drive: &DriveSolution) -> String {
+    let mut text = String::from("scanner,range_m,bias_m,sigma_m\n");
+    for scanner in 0..drive.ranges_m.len() {
+        for range_m in ranges_of_curve(drive, scanner) {
+            let (bias_m, sigma_m) = bias_at(drive, scanner, range_m).unwrap_or((0.0, 0.0));
+            let _ = writeln!(text, "{scanner},{range_m:.2},{bias_m:.6},{sigma_m:.6}");
+        }
+    }
+    text
+}
+
+fn calibration(project: &Project, drive: &DriveSolution) -> String {
+    let mut text = String::from(
+        "# Calibration estimated by tieline: copy [platform] into a project file to start from it.\n\
+         # Latency stands in [[estimate]]; range corrections stand in range_bias.csv.\n\n[platform]\n",
+    );
+    if let Some(arm) = project.platform.gnss_lever_arm_m {
+        let _ = writeln!(text, "gnss_lever_arm_m = {arm:?}");
+    }
+    let estimate = &drive.solution.calibration;
+    for scanner in 0..drive.ranges_m.len() {
+        let nominal =
+            project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner).cloned().unwrap_or_default();
+        let c = drive.constants.calibration(scanner, &estimate.value);
+        let before = Rotation3::new(Vector3::from(nominal.boresight_deg).map(f64::to_radians));
+        let boresight = (Rotation3::new(c.boresight_rad) * before).scaled_axis().map(f64::to_degrees);
+        let arm = Vector3::from(nominal.lever_arm_m) + c.lever_arm_m;
+        let _ = writeln!(
+            text,
+            "\n[[platform.scanner]]\nid = {scanner}\nlever_arm_m = [{:.5}, {:.5}, {:.5}]\nmounting_deg = {:?}\n\
+             boresight_deg = [{:.6}, {:.6}, {:.6}]",
+            arm.x, arm.y, arm.z, nominal.mounting_deg, boresight.x, boresight.y, boresight.z
+        );
+    }
+    for verdict in &drive.verdicts {
+        let _ = writeln!(
+            text,
+            "\n[[term]]\nscanner = {}\nname = \"{}\"\nestimated = {} # {}\ntest = {:.3} # above 1: the data ask for it\n\
+             directions_not_seen = {}",
+            verdict.scanner,
+            verdict.term.as_str(),
+            verdict.needed,
+            if verdict.needed { "estimated" } else { "fixed at its nominal value" },
+            verdict.ratio,
+            verdict.not_seen
+        );
+    }
+    for group in drive.constants.groups.iter().filter(|g| g.term != Term::Range) {
+        let (unit, factor) = match group.term {
+            Term::Boresight => ("deg", 1f64.to_degrees()),
+            Term::Latency => ("s", 1.0),
+            Term::LeverArm | Term::Range => ("m", 1.0),
+        };
+        for k in 0..group.prior.nrows() {
+            let axis = if group.prior.nrows() == 3 { ["x", "y", "z"][k] } else { "" };
+            let i = group.first + k;
+            let _ = writeln!(
+                text,
+                "\n[[estimate]]\nscanner = {}\nname = \"{}\"\nunit = \"{unit}\"\nvalue = {:.7}\nsigma = {:.7}\nprior_sigma = {:.7}",
+                group.scanner,
+                format!("{} {axis}", group.term.as_str()).trim_end(),
+                estimate.value[i] * factor,
+                estimate.sigma(i) * factor,
+                group.prior[(k, k)].sqrt() * factor
+            );
+        }
+    }
+    text
+}
+
+/// New minus old pose over the time of the strips, calibration apart.
+#[must_use]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+pub fn corrections(matched: &Matched, drive: &DriveSolution, spacing_s: f64) -> Vec<CorrectionRow> {
+    let strips = matched.strips.strips();
+    let start_s = strips.iter().map(|s| s.start_s).fold(f64::INFINITY, f64::min);
+    let end_s = strips.iter().map(|s| s.end_s).fold(f64::NEG_INFINITY, f64::max);
+    let steps = ((end_s - start_s) / spacing_s).ceil().max(1.0) as usize;
+    let wrap = |d: f64| (d + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
+    (0..=steps)
+        .filter_map(|k| {
+            let time_s = start_s + (end_s - start_s) * k as f64 / steps as f64;
+            let old = matched.poses.shared()?.pose_at(time_s)?;
+            let new = drive.pose_at(time_s)?;
+            let angles = |p: &tieline_filter::Pose| roll_pitch_heading_rad(&p.ned_from_body);
+            let (a, b) = (angles(&old), angles(&new));
+            let sigma = drive.trajectory.sigma_at(time_s)?;
+            let (p, r) = (sigma.position_ned_m, sigma.attitude_rph_rad);
+            Some(CorrectionRow {
+                time_s,
+                position_enu_m: new.position - old.position,
+                attitude_rph_rad: Vector3::new(wrap(b.0 - a.0), wrap(b.1 - a.1), wrap(b.2 - a.2)),
+                sigma: Vector6::new(p.y, p.x, p.z, r.x, r.y, r.z),
+            })
+        })
+        .collect()
+}
+
+fn write_correction_of(matched: &Matched, drive: &DriveSolution, out: &Path) -> Result<()> {
+    let correction = Correction::new(corrections(matched, drive, CORRECTION_SPACING_S)).context("correction.csv")?;
+    let shift_s = matched.survey.strip_files().next().map_or(0.0, |f| f.time_shift_s);
+    Ok(write_correction(&out.join("correction.csv"), &correction, -shift_s)?)
+}

@@ -1,0 +1,222 @@
+//! The constants of a drive's calibration: which there are, what is known of them beforehand, how a sighting depends on them.
+//!
+//! With nominal lever arm a and ray r = l - a of a body vector l: boresight `∂l = e × r`, lever arm `∂l = e`, latency
+//! `∂l = Cᵀ v + ω × l`, range correction `∂l = r/ρ B(ρ)`; all in the body frame, as DESIGN's observation equations.
+
+use nalgebra::{DMatrix, Vector3};
+use tieline_graph::Calibration;
+
+use super::curve::RangeSpline;
+use crate::project::Project;
+
+/// Standard deviation of a scanner's clock beforehand \[s\].
+const LATENCY_SIGMA_S: f64 = 2e-4;
+/// Range corrections beforehand: what is common to all ranges \[m\], what grows with them, and what bends \[m\].
+const RANGE_OFFSET_SIGMA_M: f64 = 0.01;
+const RANGE_SCALE_SIGMA: f64 = 1e-4;
+const RANGE_BEND_SIGMA_M: f64 = 0.005;
+/// Over this much in ln ρ a bend is independent.
+const RANGE_BEND_LN: f64 = 0.25;
+/// Spacing of knots in ln ρ.
+const KNOT_LN: f64 = 0.125;
+
+/// A term of a scanner's calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Term {
+    /// Rotation vector in the body frame \[rad\], on the left of the mounting.
+    Boresight,
+    /// Added to the lever arm, body frame \[m\].
+    LeverArm,
+    /// True time less stamp \[s\].
+    Latency,
+    /// Range correction \[m\]: coefficients of a spline.
+    Range,
+}
+
+impl Term {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range];
+
+    /// The name used in reports.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Boresight => "boresight",
+            Self::LeverArm => "lever arm",
+            Self::Latency => "latency",
+            Self::Range => "range correction",
+        }
+    }
+}
+
+/// The constants of one term of one scanner: they stand together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Group {
+    /// Scanner, 0-based.
+    pub scanner: usize,
+    /// Term.
+    pub term: Term,
+    /// First constant.
+    pub first: usize,
+    /// Covariance beforehand.
+    pub prior: DMatrix<f64>,
+}
+
+/// All constants.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Constants {
+    /// By scanner and term.
+    pub groups: Vec<Group>,
+    /// Splines of range corrections, by scanner.
+    pub splines: Vec<RangeSpline>,
+    lever_arms_m: Vec<Vector3<f64>>,
+}
+
+/// Where a beam was when it measured: what the derivatives need.
+#[derive(Debug, Clone, Copy)]
+pub struct Beam {
+    /// Scanner, 0-based.
+    pub scanner: usize,
+    /// From the IMU to the feature, body axes \[m\].
+    pub body_vector_m: Vector3<f64>,
+    /// Velocity of the IMU over ground, body axes \[m/s\].
+    pub velocity_body_mps: Vector3<f64>,
+    /// Angular rate against north, east, down, body axes \[rad/s\].
+    pub rate_body_radps: Vector3<f64>,
+}
+
+impl Constants {
+    /// The constants of a project's scanners that are wanted; ranges \[m\] reach from the nearest to the farthest in use, for each.
+    #[must_use]
+    pub fn new(project: &Project, ranges_m: &[(f64, f64)], wanted: impl Fn(usize, Term) -> bool) -> Self {
+        let section = &project.calibrate;
+        let lever_arm = |scanner: usize| {
+            let known = project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner);
+            known.map_or_else(Vector3::zeros, |s| Vector3::from(s.lever_arm_m))
+        };
+        let splines: Vec<RangeSpline> =
+            ranges_m.iter().map(|(near_m, far_m)| RangeSpline::new(*near_m, *far_m, KNOT_LN)).collect();
+        let mut groups = Vec::new();
+        let mut first = 0;
+        for (scanner, spline) in splines.iter().enumerate() {
+            for term in Term::ALL {
+                let (asked, prior) = match term {
+                    Term::Boresight => (section.boresight, axes(section.boresight_sigma_deg.to_radians())),
+                    Term::LeverArm => (section.lever_arm, axes(section.lever_arm_sigma_m)),
+                    Term::Latency => (true, DMatrix::from_element(1, 1, LATENCY_SIGMA_S.powi(2))),
+                    Term::Range => (section.range_offset || section.range_scale, range_prior(spline)),
+                };
+                if section.enabled && asked && wanted(scanner, term) {
+                    let count = prior.nrows();
+                    groups.push(Group { scanner, term, first, prior });
+                    first += count;
+                }
+            }
+        }
+        Self { groups, splines, lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect() }
+    }
+
+    /// Number of constants.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.groups.last().map_or(0, |g| g.first + g.prior.nrows())
+    }
+
+    /// Covariance beforehand, row-major.
+    #[must_use]
+    pub fn covariance(&self) -> Vec<f64> {
+        let n = self.count();
+        let mut all = DMatrix::zeros(n, n);
+        for group in &self.groups {
+            all.view_mut((group.first, group.first), group.prior.shape()).copy_from(&group.prior);
+        }
+        all.as_slice().to_vec() // symmetric: either order
+    }
+
+    /// First constant of a term of a scanner.
+    #[must_use]
+    pub fn first(&self, scanner: usize, term: Term) -> Option<usize> {
+        self.groups.iter().find(|g| g.scanner == scanner && g.term == term).map(|g| g.first)
+    }
+
+    /// What the body vector of a beam changes by with each constant \[m per unit\].
+    #[must_use]
+    pub fn derivatives(&self, beam: &Beam) -> Vec<(usize, Vector3<f64>)> {
+        let mut rows = Vec::new();
+        let ray_m = beam.body_vector_m - self.lever_arm_m(beam.scanner);
+        for group in self.groups.iter().filter(|g| g.scanner == beam.scanner) {
+            let first = group.first;
+            let mut put = |k: usize, by: Vector3<f64>| rows.push((first + k, by));
+            match group.term {
+                Term::Boresight => AXES.iter().enumerate().for_each(|(k, axis)| put(k, axis.cross(&ray_m))),
+                Term::LeverArm => AXES.iter().enumerate().for_each(|(k, axis)| put(k, *axis)),
+                Term::Latency => put(0, beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)),
+                Term::Range => {
+                    let range_m = ray_m.norm();
+                    let (knot, weights) = self.splines[beam.scanner].weights(range_m);
+                    weights.iter().enumerate().for_each(|(k, w)| put(knot + k, ray_m * (w / range_m)));
+                }
+            }
+        }
+        rows
+    }
+
+    /// From the scanner to the feature \[m\].
+    #[must_use]
+    pub fn range_m(&self, scanner: usize, body_vector_m: &Vector3<f64>) -> f64 {
+        (body_vector_m - self.lever_arm_m(scanner)).norm()
+    }
+
+    /// Boresight and lever arm of a scanner, as corrections.
+    #[must_use]
+    pub fn calibration(&self, scanner: usize, values: &[f64]) -> Calibration {
+        let three = |term: Term| {
+            self.first(scanner, term).map_or_else(Vector3::zeros, |k| Vector3::from_column_slice(&values[k..k + 3]))
+        };
+        Calibration {
+            boresight_rad: three(Term::Boresight),
+            lever_arm_m: three(Term::LeverArm),
+            range_offset_m: 0.0,
+            range_scale: 0.0,
+        }
+    }
+
+    /// The range correction of a scanner: spline and coefficients \[m\].
+    #[must_use]
+    pub fn range_curve(&self, scanner: usize, values: &[f64]) -> Option<(RangeSpline, Vec<f64>)> {
+        let (first, spline) = (self.first(scanner, Term::Range)?, self.splines[scanner]);
+        Some((spline, values[first..first + spline.coefficients()].to_vec()))
+    }
+
+    /// Nominal lever arm of a scanner, body frame \[m\].
+    #[must_use]
+    pub fn lever_arm_m(&self, scanner: usize) -> Vector3<f64> {
+        self.lever_arms_m.get(scanner).copied().unwrap_or_default()
+    }
+
+    /// True time less stamp of a scanner \[s\].
+    #[must_use]
+    pub fn latency_s(&self, scanner: usize, values: &[f64]) -> f64 {
+        self.first(scanner, Term::Latency).map_or(0.0, |k| values[k])
+    }
+}
+
+const AXES: [Vector3<f64>; 3] = [Vector3::new(1.0, 0.0, 0.0), Vector3::new(0.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 1.0)];
+
+/// Three axes of equal standard deviation.
+fn axes(sigma: f64) -> DMatrix<f64> {
+    DMatrix::from_diagonal_element(3, 3, sigma * sigma)
+}
+
+/// Coefficients beforehand: a common offset, a scale, and a bend that forgets.
+fn range_prior(spline: &RangeSpline) -> DMatrix<f64> {
+    let n = spline.coefficients();
+    DMatrix::from_fn(n, n, |i, j| {
+        let (a, b) = (spline.centre_ln(i), spline.centre_ln(j));
+        let bend = (-0.5 * ((a - b) / RANGE_BEND_LN).powi(2)).exp();
+        let own = if i == j { 1e-4 } else { 0.0 };
+        RANGE_OFFSET_SIGMA_M.powi(2)
+            + RANGE_SCALE_SIGMA.powi(2) * a.exp() * b.exp()
+            + RANGE_BEND_SIGMA_M.powi(2) * (bend + own)
+    })
+}

@@ -1,0 +1,80 @@
+//! Range correction of a scanner as a cubic B-spline over the logarithm of the range.
+//!
+//! A scanner's range error changes most where ranges are short, and there most of the points lie: knots are evenly spaced
+//! in ln ρ.
+
+/// A cubic B-spline over ranges; its coefficients are kept apart.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct RangeSpline {
+    first_ln: f64,
+    spacing_ln: f64,
+    intervals: usize,
+}
+
+/// Coefficients that act at one range: the number of the first, and four weights.
+pub type Weights = (usize, [f64; 4]);
+
+impl RangeSpline {
+    /// A spline from `near_m` to `far_m` with knots about `spacing_ln` apart in ln ρ.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    pub fn new(near_m: f64, far_m: f64, spacing_ln: f64) -> Self {
+        let length = (far_m / near_m).ln().max(spacing_ln);
+        let intervals = (length / spacing_ln).ceil().max(1.0) as usize;
+        Self { first_ln: near_m.ln(), spacing_ln: length / intervals as f64, intervals }
+    }
+
+    /// Number of coefficients.
+    #[must_use]
+    pub fn coefficients(&self) -> usize {
+        self.intervals + 3
+    }
+
+    /// The logarithm of the range \[m\] that a coefficient stands for most.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)]
+    pub fn centre_ln(&self, coefficient: usize) -> f64 {
+        self.first_ln + (coefficient as f64 - 1.0) * self.spacing_ln
+    }
+
+    /// Coefficients and weights at a range \[m\], held beyond the ends.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    pub fn weights(&self, range_m: f64) -> Weights {
+        let x = ((range_m.max(1e-3).ln() - self.first_ln) / self.spacing_ln).clamp(0.0, self.intervals as f64);
+        let interval = (x as usize).min(self.intervals - 1);
+        let t = x - interval as f64;
+        let s = 1.0 - t;
+        let weights = [
+            s * s * s / 6.0,
+            (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0,
+            (3.0 * s * s * s - 6.0 * s * s + 4.0) / 6.0,
+            t * t * t / 6.0,
+        ];
+        (interval, weights)
+    }
+
+    /// Value at a range \[m\].
+    #[must_use]
+    #[inline]
+    pub fn at(&self, coefficients: &[f64], range_m: f64) -> f64 {
+        let (first, weights) = self.weights(range_m);
+        weights.iter().zip(&coefficients[first..first + 4]).map(|(w, c)| w * c).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_sum_to_one_and_follow_a_line_in_the_logarithm() {
+        let spline = RangeSpline::new(1.5, 60.0, 0.25);
+        let line: Vec<f64> = (0..spline.coefficients()).map(|k| spline.centre_ln(k)).collect();
+        for range_m in [1.5_f64, 2.0, 7.3, 33.0, 60.0] {
+            assert!((spline.weights(range_m).1.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+            assert!((spline.at(&line, range_m) - range_m.ln()).abs() < 1e-12);
+        }
+        assert!((spline.at(&line, 200.0) - 60.0_f64.ln()).abs() < 1e-12, "held beyond the end");
+    }
+}

@@ -1,0 +1,193 @@
+//! Surface lines of a drive as the smoother takes them.
+//!
+//! Ends of one visit, a moment apart, are *increments*: they bind the trajectory to itself over that moment, and the scanners to each other.
+//! Ends of several visits are *loop ties*: they bind visits to each other. A line with both gives one loop tie with all its ends,
+//! or one increment a visit.
+
+use anyhow::{Context, Result};
+use nalgebra::{Matrix3, Vector3};
+use tieline_filter::earth::ned_from_ecef;
+use tieline_filter::{FilterTie, Pose, Sighting, TieKind, Trajectory};
+use tieline_io::crs::Crs;
+use tieline_matching::{Patch, measure};
+
+use super::constants::{Beam, Constants};
+use crate::job::Matched;
+
+/// Sightings further apart than this are of different visits \[s\].
+pub const VISIT_GAP_S: f64 = 8.0;
+
+/// What a tie binds, the words of the outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Class {
+    /// Two visits of one strip.
+    PassToPass,
+    /// Two scanners in one visit.
+    ScannerToScanner,
+    /// Two strips.
+    StripToStrip,
+}
+
+impl Class {
+    /// The name used in files.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::PassToPass => "pass to pass",
+            Self::ScannerToScanner => "scanner to scanner",
+            Self::StripToStrip => "strip to strip",
+        }
+    }
+}
+
+/// One end of a line, ready for the smoother.
+#[derive(Debug, Clone)]
+pub struct End {
+    /// Row of the line's ends.
+    pub number: usize,
+    /// Strip.
+    pub strip: u32,
+    /// Scanner.
+    pub scanner: u16,
+    /// From the scanner to the feature \[m\].
+    pub range_m: f64,
+    /// Which visit, from 0.
+    pub visit: usize,
+    /// For the smoother.
+    pub sighting: Sighting,
+}
+
+/// A line whose ends have poses.
+#[derive(Debug, Clone)]
+pub struct DriveLine {
+    /// Row of the line among those matched.
+    pub row: usize,
+    /// Unit normal, earth-centred axes.
+    pub direction: Vector3<f64>,
+    /// Unit normal, map axes.
+    pub normal_map: Vector3<f64>,
+    /// A point of the surface, map \[m\].
+    pub point_map_m: Vector3<f64>,
+    /// Unit normal, body axes at the first end.
+    pub normal_body: Vector3<f64>,
+    /// Height of the normal: 1 for level ground.
+    pub normal_up: f64,
+    /// Ends, in order of time.
+    pub ends: Vec<End>,
+    /// Whether it judges the solution instead of making it.
+    pub held_out: bool,
+}
+
+impl DriveLine {
+    /// Visits that see it.
+    #[must_use]
+    pub fn visits(&self) -> usize {
+        self.ends.last().map_or(0, |e| e.visit + 1)
+    }
+
+    /// What it binds.
+    #[must_use]
+    pub fn class(&self) -> Class {
+        if self.ends.iter().any(|e| e.strip != self.ends[0].strip) {
+            Class::StripToStrip
+        } else if self.visits() > 1 {
+            Class::PassToPass
+        } else {
+            Class::ScannerToScanner
+        }
+    }
+
+    /// The tie of some of its ends.
+    #[must_use]
+    pub fn tie(&self, id: u64, kind: TieKind, ends: impl Fn(&End) -> bool) -> FilterTie {
+        let sightings = self.ends.iter().filter(|e| ends(e)).map(|e| e.sighting.clone()).collect();
+        FilterTie { id, kind, directions: vec![self.direction], sightings, known_m: None }
+    }
+}
+
+/// Lines of the survey with their ends as seen from the trajectory that the strips were made with; `clock_shift_s` leads from
+/// the strips' clock to the smoother's.
+///
+/// # Errors
+/// When a place cannot be projected.
+pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s: f64) -> Result<Vec<DriveLine>> {
+    let trajectory = matched.poses.shared().context("a drive needs its trajectory: [trajectory]")?;
+    let origin_m = matched.survey.origin();
+    let mut lines = Vec::new();
+    for (row, held_out) in matched.ties.selected.iter().zip(&matched.ties.held_out) {
+        let used: Vec<(usize, &Patch)> = matched.ties.lines[*row].used().collect();
+        let patches: Vec<&Patch> = used.iter().map(|(_, p)| *p).collect();
+        let Some(measured) = measure(&patches, matched.sigma_floor_m) else { continue };
+        let mut ends = Vec::new();
+        let mut first_pose: Option<Pose> = None;
+        let mut order: Vec<usize> = (0..used.len()).collect();
+        order.sort_by(|a, b| used[*a].1.time_s.total_cmp(&used[*b].1.time_s));
+        for k in order {
+            let (number, patch) = used[k];
+            let Some((pose, beam)) =
+                beam_of(trajectory, patch, measured.point_m, &measured.normal, measured.offsets[k].0, &origin_m)
+            else {
+                continue;
+            };
+            let previous: Option<&End> = ends.last();
+            let visit = previous
+                .map_or(0, |e| e.visit + usize::from(patch.time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
+            ends.push(End {
+                number,
+                strip: patch.sighting.strip,
+                scanner: patch.sighting.scanner,
+                range_m: constants.range_m(beam.scanner, &beam.body_vector_m),
+                visit,
+                sighting: Sighting {
+                    time_s: patch.time_s + clock_shift_s,
+                    body_vector_m: beam.body_vector_m,
+                    covariance_m2: Matrix3::from_diagonal_element(measured.offsets[k].1.powi(2)),
+                    by_constant: constants.derivatives(&beam),
+                },
+            });
+            first_pose.get_or_insert(pose);
+        }
+        let Some(pose) = first_pose.filter(|_| ends.len() >= 2) else { continue };
+        let geodetic = crs.geodetic_from_map(&pose.position)?;
+        let normal_ned = pose.ned_vector_m(&(pose.position + measured.normal)).normalize();
+        lines.push(DriveLine {
+            row: *row,
+            direction: ned_from_ecef(geodetic.x, geodetic.y).transpose() * normal_ned,
+            normal_body: pose.ned_from_body.inverse_transform_vector(&normal_ned),
+            normal_map: measured.normal,
+            point_map_m: measured.point_m + origin_m,
+            normal_up: measured.normal.z,
+            ends,
+            held_out: *held_out,
+        });
+    }
+    Ok(lines)
+}
+
+/// How an end was seen: its feature is where its plane meets the common normal.
+fn beam_of(
+    trajectory: &Trajectory,
+    patch: &Patch,
+    point_m: Vector3<f64>,
+    normal: &Vector3<f64>,
+    offset_m: f64,
+    origin_m: &Vector3<f64>,
+) -> Option<(Pose, Beam)> {
+    const STEP_S: f64 = 0.02;
+    let time_s = patch.time_s;
+    let pose = trajectory.pose_at(time_s)?;
+    let feature_m = point_m + normal * offset_m + origin_m;
+    let (first_s, last_s) = trajectory.span_s();
+    let (from, to) =
+        (trajectory.pose_at((time_s - STEP_S).max(first_s))?, trajectory.pose_at((time_s + STEP_S).min(last_s))?);
+    let step_s = to.time_s - from.time_s;
+    let velocity_ned_mps = (from.ned_vector_m(&to.position)) / step_s;
+    let turned = from.ned_from_body.inverse() * to.ned_from_body;
+    let beam = Beam {
+        scanner: usize::from(patch.sighting.scanner),
+        body_vector_m: pose.body_vector_m(&feature_m),
+        velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
+        rate_body_radps: turned.scaled_axis() / step_s,
+    };
+    Some((pose, beam))
+}

@@ -123,26 +123,30 @@ impl Sample {
     }
 
     /// Whether a byte takes two to four values within a strip (one point source id, no gap in time) and all returns of
-    /// a pulse have the same: so do the heads of a scanner, and flags that somebody set point by point do not.
-    #[allow(clippy::float_cmp)] // returns of one pulse have the same bits
+    /// a pulse have the same: so do the heads of a scanner, which may fire at the same moments, and flags that somebody set
+    /// point by point do not.
     fn shares_a_strip(&self, field: impl Fn(&Columns) -> &Vec<u8>) -> bool {
         const GAP_S: f64 = 30.0;
-        let mut rows: Vec<(u16, f64, u8)> = Vec::new();
+        let mut rows: Vec<(u16, f64, u8, u8)> = Vec::new();
         for (_, columns, _) in &self.chunks {
-            let row = |i: usize| (columns.point_source_id[i], columns.gps_time[i], field(columns)[i]);
+            let row = |i: usize| {
+                (columns.point_source_id[i], columns.gps_time[i], field(columns)[i], columns.number_of_returns[i])
+            };
             rows.extend((0..columns.gps_time.len()).map(row));
         }
-        rows.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        rows.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         rows.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= GAP_S).any(|strip| {
             let mut counts: BTreeMap<u8, usize> = BTreeMap::new();
             for row in strip {
                 *counts.entry(row.2).or_default() += 1;
             }
-            let of_pulse = strip.windows(2).filter(|w| w[0].1 == w[1].1);
-            let (same, pulses) = of_pulse.fold((0, 0), |(same, n), w| (same + usize::from(w[0].2 == w[1].2), n + 1));
+            // a pulse of several returns is whole within one value
+            let pulses = strip.chunk_by(|a, b| a.1.to_bits() == b.1.to_bits() && a.2 == b.2).filter(|p| p[0].3 > 1);
+            let (whole, all) =
+                pulses.fold((0, 0), |(whole, all), p| (whole + usize::from(p.len() == usize::from(p[0].3)), all + 1));
             (2..=4).contains(&counts.len())
                 && counts.values().all(|n| 20 * n >= strip.len())
-                && 100 * same >= 99 * pulses
+                && 100 * whole >= 95 * all
         })
     }
 

@@ -2,7 +2,8 @@
 //!
 //! Errors of the trajectory change slowly. Two ties of like direction, seen within a fraction of a second at like ranges, tell the
 //! same twice. Of each kind the best comes first, and what lies too near in time to one already taken is left out; the nearness
-//! grows until no more live at one time than the smoother holds.
+//! grows until no more live at one time than the smoother holds. Loop ties matter where the trajectory is not known well
+//! without them: elsewhere they stand further apart.
 
 use std::collections::BTreeMap;
 
@@ -65,6 +66,8 @@ struct Candidate {
     first_s: f64,
     last_s: f64,
     variance_m2: f64,
+    /// Worst standard deviation of the position at its ends \[m\].
+    position_sigma_m: f64,
     kind: (u8, Vec<(u16, u8)>),
 }
 
@@ -79,6 +82,7 @@ impl Candidate {
             first_s: ends[0].sighting.time_s,
             last_s: ends[ends.len() - 1].sighting.time_s,
             variance_m2: ends.iter().map(|e| e.sighting.covariance_m2[(0, 0)]).sum::<f64>() / ends.len() as f64,
+            position_sigma_m: ends.iter().map(|e| e.position_sigma_m).fold(0.0, f64::max),
             // loop ties bind the trajectory: their ranges do not matter
             kind: (direction_class(of), if visit.is_some() { seen } else { Vec::new() }),
         }
@@ -95,7 +99,12 @@ fn direction_class(line: &DriveLine) -> u8 {
     1 + ((azimuth / std::f64::consts::PI * 4.0 + 0.5) as u8 % 4)
 }
 
-/// Doublings of the range.
+/// Loop ties between well-known stretches stand this many times further apart.
+const WELL_KNOWN_SPACING: f64 = 6.0;
+/// Of the standard deviations of loop ties, this many times the least still count as well known.
+const WELL_KNOWN: f64 = 2.0;
+
+/// Half doublings of the range.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn range_class(range_m: f64) -> u8 {
     (range_m.max(1.0).log2() * 2.0) as u8
@@ -104,13 +113,19 @@ fn range_class(range_m: f64) -> u8 {
 /// Thins candidates until no more than `most_live` live at one time on average of the busiest minute.
 fn thin(mut candidates: Vec<Candidate>, most_live: f64) -> (Vec<Candidate>, f64) {
     candidates.sort_by(|a, b| a.variance_m2.total_cmp(&b.variance_m2).then(a.line.cmp(&b.line)));
+    let least_m = candidates.iter().map(|c| c.position_sigma_m).fold(f64::INFINITY, f64::min);
+    let widened = |c: &Candidate| {
+        let known = c.visit.is_none() && c.position_sigma_m <= WELL_KNOWN * least_m;
+        if known { WELL_KNOWN_SPACING } else { 1.0 }
+    };
     let mut spacing_s = 0.05;
     loop {
         let mut taken: BTreeMap<&(u8, Vec<(u16, u8)>), Vec<(f64, f64)>> = BTreeMap::new();
         let mut kept = Vec::new();
         for (i, c) in candidates.iter().enumerate() {
             let of_kind = taken.entry(&c.kind).or_default();
-            let near = |t: &(f64, f64)| (t.0 - c.first_s).abs() < spacing_s && (t.1 - c.last_s).abs() < spacing_s;
+            let apart_s = spacing_s * widened(c);
+            let near = |t: &(f64, f64)| (t.0 - c.first_s).abs() < apart_s && (t.1 - c.last_s).abs() < apart_s;
             if !of_kind.iter().any(near) {
                 of_kind.push((c.first_s, c.last_s));
                 kept.push(i);

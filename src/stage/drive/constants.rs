@@ -62,6 +62,13 @@ pub struct Group {
     pub prior: DMatrix<f64>,
 }
 
+impl Group {
+    /// Its constants.
+    pub fn constants(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.prior.nrows()
+    }
+}
+
 /// All constants.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Constants {

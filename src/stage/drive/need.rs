@@ -1,6 +1,6 @@
 //! Which terms of a calibration the data ask for.
 //!
-//! A term is needed when its values together differ from nothing by more than chance: `vᵀ Σ⁻¹ v` against χ². Terms that are not
+//! A term is needed when its values, of all scanners together, differ from nothing by more than chance: `vᵀ Σ⁻¹ v` against χ². Terms that are not
 //! needed are fixed at their nominal values, and what is known of the others gets better. What the data cannot see
 //! at all keeps its standard deviation beforehand; such a term is never needed.
 
@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use tieline_filter::CalibrationEstimate;
 use tieline_filter::innovation::chi_squared_limit;
 
-use super::constants::{Constants, Term};
+use super::constants::{Constants, Group, Term};
 
 /// Probability that a term is taken in though there is nothing.
 const FALSE_ALARM: f64 = 0.001;
@@ -24,7 +24,7 @@ pub struct Verdict {
     pub term: Term,
     /// Whether it is estimated.
     pub needed: bool,
-    /// `vᵀ Σ⁻¹ v` over its limit.
+    /// `vᵀ Σ⁻¹ v` of the term over its limit.
     pub ratio: f64,
     /// Directions of it that the data do not see.
     pub not_seen: usize,
@@ -35,15 +35,22 @@ pub struct Verdict {
 pub fn judge(constants: &Constants, estimate: &CalibrationEstimate) -> Vec<Verdict> {
     let n = estimate.value.len();
     let all = DMatrix::from_row_slice(n, n, &estimate.covariance);
+    let ratio_of = |rows: &[usize]| {
+        let covariance = DMatrix::from_fn(rows.len(), rows.len(), |i, j| all[(rows[i], rows[j])]);
+        let value = DVector::from_iterator(rows.len(), rows.iter().map(|k| estimate.value[*k]));
+        let squared = covariance.cholesky().map_or(f64::INFINITY, |c| value.dot(&c.solve(&value)));
+        squared / chi_squared_limit(rows.len(), FALSE_ALARM)
+    };
     constants
         .groups
         .iter()
         .map(|group| {
-            let count = group.prior.nrows();
-            let covariance = all.view((group.first, group.first), (count, count)).into_owned();
-            let value = DVector::from_column_slice(&estimate.value[group.first..group.first + count]);
-            let squared = covariance.clone().cholesky().map_or(f64::INFINITY, |c| value.dot(&c.solve(&value)));
-            let ratio = squared / chi_squared_limit(count, FALSE_ALARM);
+            // of all scanners at once: to fix one and turn the other would turn the vehicle
+            let rows: Vec<usize> =
+                constants.groups.iter().filter(|g| g.term == group.term).flat_map(Group::constants).collect();
+            let ratio = ratio_of(&rows);
+            let own: Vec<usize> = group.constants().collect();
+            let covariance = DMatrix::from_fn(own.len(), own.len(), |i, j| all[(own[i], own[j])]);
             // variances relative to those beforehand, along the directions that belong together
             let not_seen = group.prior.clone().cholesky().map_or(0, |prior| {
                 let root = prior.l();

@@ -53,6 +53,8 @@ pub struct End {
     pub range_m: f64,
     /// Which visit, from 0.
     pub visit: usize,
+    /// Standard deviation of the position by the trajectory that the strips were made with \[m\]; 0 when it is not stated.
+    pub position_sigma_m: f64,
     /// For the smoother.
     pub sighting: Sighting,
 }
@@ -138,6 +140,7 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
                 scanner: patch.sighting.scanner,
                 range_m: constants.range_m(beam.scanner, &beam.body_vector_m),
                 visit,
+                position_sigma_m: trajectory.sigma_at(patch.time_s).map_or(0.0, |s| s.position_ned_m.norm()),
                 sighting: Sighting {
                     time_s: patch.time_s + clock_shift_s,
                     body_vector_m: beam.body_vector_m,

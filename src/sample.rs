@@ -144,9 +144,7 @@ impl Sample {
             let pulses = strip.chunk_by(|a, b| a.1.to_bits() == b.1.to_bits() && a.2 == b.2).filter(|p| p[0].3 > 1);
             let (whole, all) =
                 pulses.fold((0, 0), |(whole, all), p| (whole + usize::from(p.len() == usize::from(p[0].3)), all + 1));
-            (2..=4).contains(&counts.len())
-                && counts.values().all(|n| 20 * n >= strip.len())
-                && 100 * whole >= 95 * all
+            (2..=4).contains(&counts.len()) && counts.values().all(|n| 20 * n >= strip.len()) && 100 * whole >= 95 * all
         })
     }
 

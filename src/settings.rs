@@ -9,7 +9,10 @@ use tieline_matching::{
 
 use crate::project::{Project, ReturnsChoice, SplitWord};
 use crate::sample::{Sample, block};
-use crate::survey::Survey;
+use crate::survey::{Survey, SurveyFile};
+
+/// Ties looked for in a second of a drive.
+const TIES_PER_SECOND: f64 = 50.0;
 
 /// One setting as it is reported: key, value, reason.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -147,8 +150,20 @@ impl Settings {
         if let Some(area_m) = &limits.area_m {
             tell("match.area_m", format!("{area_m:?}"), asked);
         }
-        let max_ties = m.max_ties.unwrap_or(6_000);
-        let reason = if m.max_ties.is_some() { asked } else { "far more than the unknowns need" };
+        // a drive lives on increments: so many a second
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let of_drive = || {
+            let seconds = |f: &SurveyFile| f.sampled_range_s.map_or(0.0, |[a, b]| b - a);
+            ((TIES_PER_SECOND * survey.strip_files().map(seconds).sum::<f64>()) as usize).clamp(6_000, 200_000)
+        };
+        let (max_ties, reason) = match (m.max_ties, &project.imu) {
+            (Some(given), _) => (given, asked),
+            (None, Some(_)) => (
+                of_drive(),
+                "50 for each second of the drive; the smoother takes those that tell something of their own",
+            ),
+            (None, None) => (6_000, "far more than the unknowns need"),
+        };
         tell("match.max_ties", max_ties.to_string(), reason);
         let hold_out = m.hold_out.unwrap_or(0.2);
         let seed = m.seed.unwrap_or(1);

@@ -194,7 +194,8 @@ fn from_file(
         let Some(pose) = trajectory.pose_at(middle) else { continue };
         let ground = samples_of(sketches, strips, i);
         let height_m = pose.position.z - survey.origin_m[2] - mean_height(&ground);
-        if !(0.5..20_000.0).contains(&height_m) && !ground.is_empty() {
+        // a vehicle drives among its points
+        if project.imu.is_none() && !(0.5..20_000.0).contains(&height_m) && !ground.is_empty() {
             notes.push(format!(
                 "strip {}: the trajectory is {height_m:.0} m above the points; are heights and reference system the same?",
                 strip.name

@@ -1,8 +1,9 @@
-//! The proofs: strips and filter.
+//! The proofs: strips, filter and drives.
 
 mod commands;
 mod filter;
 mod filter_statistics;
+mod mobile;
 mod real;
 mod same;
 mod statistics;
@@ -43,6 +44,16 @@ fn tidy(value: f64) -> f64 {
 }
 
 type Proof = fn() -> anyhow::Result<Vec<Row>>;
+
+/// Runs the proofs on drives.
+pub(crate) fn mobile(only: Option<&str>) -> anyhow::Result<()> {
+    let proofs: [(&str, Proof); 3] = [
+        ("1 an independent simulator", mobile::block),
+        ("2 loop through an outage", mobile::loop_closure),
+        ("3 two scanners through an outage", mobile::odometer_of_two_scanners),
+    ];
+    run(&proofs, only)
+}
 
 /// Runs the proofs on strips.
 pub(crate) fn strips(only: Option<&str>) -> anyhow::Result<()> {

@@ -99,6 +99,25 @@ fn info_tells_what_is_in_each_kind_of_file() {
 }
 
 #[test]
+fn info_tells_what_measurements_are_in_a_file() {
+    let bench = Bench::new();
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/loop/");
+    for (name, kind, word) in [
+        ("imu.txt.gz", "inertial measurements", "specific force"),
+        ("gnss.pos", "GNSS fixes", "sigma"),
+        ("odometer.csv", "odometer", "speed"),
+    ] {
+        let path = format!("{sample}{name}");
+        let ran = bench.tieline(&["info", &path]);
+        ran.assert_success();
+        assert!(ran.out.contains(kind) && ran.out.contains(word) && ran.out.contains("time "), "{}", ran.out);
+        let ran = bench.tieline(&["info", "--json", &path]);
+        let value: serde_json::Value = serde_json::from_str(&ran.out).expect("JSON");
+        assert!(value[0]["time"]["first_s"].as_f64().expect("a time") > 2e5, "{value}");
+    }
+}
+
+#[test]
 fn a_file_of_no_known_kind_is_refused_with_what_is_known() {
     let bench = Bench::new();
     let strange: Vec<u8> = (0..1000_u32).flat_map(|i| (i * 2_654_435_761).to_le_bytes()).collect();

@@ -21,6 +21,12 @@ pub enum FileKind {
     TiesCsv,
     /// `correction.csv`.
     Correction,
+    /// Inertial measurements.
+    Imu,
+    /// GNSS fixes.
+    Gnss,
+    /// Odometer.
+    Odometer,
 }
 
 impl FileKind {
@@ -34,6 +40,9 @@ impl FileKind {
             Self::TiesParquet => "ties (Parquet)",
             Self::TiesCsv => "ties (CSV)",
             Self::Correction => "correction over time",
+            Self::Imu => "inertial measurements",
+            Self::Gnss => "GNSS fixes",
+            Self::Odometer => "odometer",
         }
     }
 
@@ -46,6 +55,9 @@ impl FileKind {
             Self::Accuracy => "accuracy",
             Self::TiesParquet | Self::TiesCsv => "ties",
             Self::Correction => "correction",
+            Self::Imu => "imu",
+            Self::Gnss => "gnss",
+            Self::Odometer => "odometer",
         }
     }
 }
@@ -82,7 +94,7 @@ pub fn kind_of(path: &Path) -> Result<FileKind> {
     } else {
         bail!(
             "{}: not a file that tieline reads (LAS, LAZ, COPC; SBET, SMRMSG, TRJ, text trajectories; \
-             ties.parquet, ties.csv, correction.csv)",
+             IMU, GNSS, odometer; ties.parquet, ties.csv, correction.csv)",
             path.display()
         );
     })

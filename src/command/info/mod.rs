@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::cli::Common;
 
 pub mod kind;
+mod measurement;
 mod path;
 mod strip;
 mod table;
@@ -51,10 +52,17 @@ pub fn run(files: &[PathBuf], common: &Common, out: &mut impl Write) -> Result<(
 }
 
 fn describe(path: &Path) -> Result<(FileKind, Description)> {
-    let kind = kind_of(path)?;
+    let kind = match kind_of(path) {
+        Ok(kind) => kind,
+        Err(error) => return measurement::describe(path).ok_or(error),
+    };
     let description = match kind {
         FileKind::Strip => strip::describe(path)?,
-        FileKind::Trajectory => path::describe(path)?,
+        // tables without the columns of a trajectory may be measurements
+        FileKind::Trajectory | FileKind::Imu | FileKind::Gnss | FileKind::Odometer => match path::describe(path) {
+            Ok(description) => description,
+            Err(error) => return measurement::describe(path).ok_or(error),
+        },
         FileKind::Accuracy => path::describe_accuracy(path)?,
         FileKind::TiesParquet | FileKind::TiesCsv => table::describe_ties(path)?,
         FileKind::Correction => table::describe_correction(path)?,

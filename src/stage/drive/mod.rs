@@ -3,6 +3,7 @@
 //! Top down: surface lines of [`crate::stage::ties`] become ties of the smoother ([`ties`], [`choose`]); the smoother estimates the
 //! trajectory and the calibration ([`constants`]) with them; the strips are corrected by the difference.
 
+pub mod check;
 pub mod choose;
 pub mod constants;
 pub mod curve;
@@ -84,12 +85,14 @@ pub fn solve(
     let crs =
         matched.survey.crs.as_ref().context("the reference system of the strips is not known: set project.crs")?;
     let shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
+    check::parts(project, matched, measurements, shift_s)?;
     let scanners = matched.strips.scanner_numbers().len();
     let none = Constants::new(project, &vec![(1.0, 100.0); scanners], |_, _| false);
     let seen = lines(matched, crs, &none, shift_s)?;
     if seen.is_empty() {
         bail!("no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive");
     }
+    let of_platform = check::mounting(project, &seen)?;
     let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.0)).collect();
     let inner_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.005)).collect();
     let mut options = options(project)?;
@@ -114,7 +117,9 @@ pub fn solve(
             continue;
         }
         verdicts.sort_by_key(|v| (v.scanner, v.term));
-        let notes = notes_of(&chosen, &solution, &verdicts);
+        let mut notes = notes_of(&chosen, &solution, &verdicts);
+        notes.extend(of_platform);
+        notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
         let geodetic = solution.trajectory(&inputs, 0.0)?;
         let trajectory = crs.to_map(&geodetic)?.shifted_in_time(-shift_s);
         return Ok(DriveSolution {

@@ -202,7 +202,8 @@ pub struct DriveSummary {
     pub strips: Vec<DriveStrip>,
     /// Ties by kind.
     pub ties: BTreeMap<String, ClassSummary>,
-    /// Ties by what they bind.
+    /// Ties by what they bind; differences count towards the vehicle, those of scanner to scanner are of one visit of any tie, the
+    /// scanner of the highest number less that of the lowest.
     pub ties_by_class: BTreeMap<String, ClassSummary>,
     /// Ends rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
@@ -260,11 +261,35 @@ pub(crate) struct PairPoint {
     pub(crate) held_out: bool,
 }
 
+/// What time axes count from.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Origin {
+    /// Survey time \[s\].
+    pub(crate) time_s: f64,
+    /// The same as seconds of week, and the week; as they are where the week is not known.
+    pub(crate) second: f64,
+    /// GPS week.
+    pub(crate) week: Option<u32>,
+}
+
+impl Origin {
+    /// Seconds of week of a survey time \[s\]; they run on past the end of the week.
+    pub(crate) fn second_of(&self, time_s: f64) -> f64 {
+        time_s - self.time_s + self.second
+    }
+
+    /// A survey time \[s\] in words.
+    pub(crate) fn words(&self, time_s: f64, decimals: usize) -> String {
+        let second = format!("second {:.decimals$}", self.second_of(time_s));
+        self.week.map_or_else(|| second.clone(), |week| format!("{second} of GPS week {week}"))
+    }
+}
+
 /// What only the charts need.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DriveCharts {
-    /// Second that the time axes count from, survey time, and what to call it.
-    pub(crate) origin: (f64, String),
+    /// What the time axes count from.
+    pub(crate) origin: Origin,
     /// First and last time of the strips \[s\].
     pub(crate) span_s: (f64, f64),
     /// Differences of the trajectories, with the new one's standard deviations.

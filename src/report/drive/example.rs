@@ -6,7 +6,7 @@ use tieline_filter::CorrectionRow;
 use crate::report::data::{Discrepancies, Discrepancy, FileSummary, TieCounts, Timing};
 use crate::report::drive::data::{
     ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
-    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Outage, PairPoint, TermSummary,
+    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
 };
 use crate::settings::Setting;
 use crate::stage::drive::ties::Class;
@@ -108,7 +108,7 @@ fn charts() -> DriveCharts {
     });
     let pairs: Vec<PairPoint> = pairs.collect();
     DriveCharts {
-        origin: (SPAN_S.0, String::from("second 209040 of GPS week 2330")),
+        origin: Origin { time_s: SPAN_S.0, second: SPAN_S.0, week: Some(2330) },
         span_s: SPAN_S,
         sigma_before: times().map(|t| Some([0.02 + 0.05 * within(t), 0.02, 0.03, 1e-5, 1e-5, 2e-4])).collect(),
         tie_times_s: [times().step_by(3).collect(), times().step_by(2).collect()],

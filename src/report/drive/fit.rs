@@ -6,7 +6,7 @@ use crate::report::drive::data::{ClassSummary, DriveCharts, DriveSummary};
 use crate::report::html::{Align, Table, section};
 use crate::report::number::{count, length, mm, signed_mm};
 use crate::report::plot::{Series, histogram};
-use crate::report::section::ties::{kind_in_words, reach, rejections};
+use crate::report::section::ties::{reach, rejections};
 
 const LEAD: &str = "A tie is a surface seen twice or more: by two scanners in one visit, in two passes of a strip, or in two \
 strips. Its difference is the distance of the last sighting from the first along the surface's normal. A fifth of the ties, whole \
@@ -48,8 +48,8 @@ pub(crate) fn html(summary: &DriveSummary, charts: &DriveCharts) -> String {
     body += &statistics(summary);
     body += &by("Ties by class", "Class", summary.ties_by_class.iter().map(|(name, t)| (name.clone(), t)));
     body += "<p class=\"note\">A tie that two scanners see in each of two visits counts under its visits; what its scanners differ \
-             by within a visit is among the differences of scanner to scanner too.</p>\n";
-    body += &by("Ties by kind", "Kind", summary.ties.iter().map(|(kind, t)| (kind_in_words(kind), t)));
+             by within a visit is among the differences of scanner to scanner too. By class, differences count towards the vehicle, as over range below. Used are those that the smoother took: of many that say the same it takes the best.</p>\n";
+    body += &by("Ties by kind", "Kind", summary.ties.iter().map(|(kind, t)| (kind.replace('_', " "), t)));
     body += &rejections(&summary.rejected);
     section("ties", "How well the ties fit", LEAD, &body)
 }
@@ -80,7 +80,7 @@ fn statistics(summary: &DriveSummary) -> String {
     table.html()
 }
 
-/// Numbers and differences, a row each.
+/// Numbers and differences, a row each; `summary.json` has those of held-out ties before as well.
 fn by<'a>(caption: &str, of: &str, rows: impl Iterator<Item = (String, &'a ClassSummary)>) -> String {
     let mut columns = vec![
         (of, "", Align::Text),
@@ -88,24 +88,19 @@ fn by<'a>(caption: &str, of: &str, rows: impl Iterator<Item = (String, &'a Class
         ("Used", "", Align::Number),
         ("Held out", "", Align::Number),
     ];
-    for _ in 0..4 {
+    for _ in 0..3 {
         columns.extend([
             ("Median", "mm", Align::Number),
             ("Robust sd", "mm", Align::Number),
             ("Rms", "mm", Align::Number),
         ]);
     }
-    let mut table = Table::new(caption, &columns).groups(&[
-        ("", 4),
-        ("Before", 3),
-        ("After", 3),
-        ("Held out, before", 3),
-        ("Held out, after", 3),
-    ]);
+    let mut table =
+        Table::new(caption, &columns).groups(&[("", 4), ("Before", 3), ("After", 3), ("Held out, after", 3)]);
     for (name, ties) in rows.filter(|r| r.1.counts.found > 0) {
         let mut cells = vec![name, count(ties.counts.found), count(ties.counts.used), count(ties.counts.held_out)];
         let d = &ties.discrepancy;
-        for s in [&d.before, &d.after, &d.held_out_before, &d.held_out_after] {
+        for s in [&d.before, &d.after, &d.held_out_after] {
             let known = |v: f64| if s.n == 0 { f64::NAN } else { v };
             cells.extend([signed_mm(known(s.median_m)), mm(known(s.sigma_mad_m)), mm(known(s.rms_m))]);
         }

@@ -7,7 +7,7 @@ use crate::report::data::{Discrepancies, Discrepancy, TieCounts};
 use crate::report::drive::DriveReport;
 use crate::report::drive::data::{
     ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
-    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Outage, PairPoint, TermSummary,
+    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
 };
 use crate::report::drive::pairs;
 use crate::stage::drive::DriveSolution;
@@ -95,10 +95,9 @@ fn charts(report: &DriveReport<'_>) -> DriveCharts {
     });
     let path = path.collect();
     let start_s = (span_s.0 / 10.0).floor() * 10.0;
-    let origin = matched.survey.clock.gps_time(start_s).map_or_else(
-        || (start_s, format!("second {start_s:.0}")),
-        |t| (start_s, format!("second {:.0} of GPS week {}", t.seconds_of_week, t.week)),
-    );
+    let time = matched.survey.clock.gps_time(start_s);
+    let origin =
+        Origin { time_s: start_s, second: time.map_or(start_s, |t| t.seconds_of_week), week: time.map(|t| t.week) };
     DriveCharts {
         origin,
         span_s,

@@ -11,6 +11,8 @@ use crate::report::section::headline::{difference_tile, remarks, tile};
 
 /// Largest share of ties left out that is nothing to look at.
 const LEFT_OUT_SHARE: f64 = 0.05;
+/// A class with fewer differences has no number of its own on the first screen.
+const LEAST_DIFFERENCES: usize = 30;
 /// Mean squares of innovations of ties that are ordinary.
 const TIE_NIS: f64 = 2.0;
 
@@ -88,10 +90,10 @@ fn sentences(summary: &DriveSummary, shared: &Summary, charts: &DriveCharts) -> 
 /// Where the largest correction is.
 fn place(summary: &DriveSummary, charts: &DriveCharts) -> String {
     let time_s = summary.trajectory.largest_correction.time_s;
-    let at = format!("{} s after {}", fixed(time_s - charts.origin.0, 1), charts.origin.1);
+    let at = format!("at {}", charts.origin.words(time_s, 1));
     let outage = summary.trajectory.outages.iter().find(|o| time_s >= o.start_s && time_s <= o.end_s);
     match outage {
-        Some(o) => format!("{at}, within {} without GNSS", duration(o.end_s - o.start_s)),
+        Some(o) => format!("{at}, in {} without GNSS", duration(o.end_s - o.start_s)),
         None => at,
     }
 }
@@ -104,7 +106,7 @@ fn tiles(summary: &DriveSummary, charts: &DriveCharts) -> String {
     }
     for (class, ties) in &summary.ties_by_class {
         let (before, after) = (&ties.discrepancy.before, &ties.discrepancy.after);
-        if before.n > 0 {
+        if before.n >= LEAST_DIFFERENCES {
             let note =
                 format!("median {} → {} mm, {} differences", mm(before.median_m), mm(after.median_m), length(after.n));
             let label = format!("{}{}, robust sd", class[..1].to_uppercase(), &class[1..]);
@@ -121,9 +123,9 @@ fn tiles(summary: &DriveSummary, charts: &DriveCharts) -> String {
         let before = outage.largest_sigma_before_enu_m.as_ref().map(|s| mm(norm(s)));
         let [east, north, up] = outage.largest_sigma_enu_m.map(mm);
         let note = format!("largest: east {east}, north {north}, up {up} mm");
-        tiles += &tile("Sigma of the position without GNSS", before, Some(mm(sigma_m)), "mm", &note);
+        tiles += &tile("Sigma of the position without GNSS, 3-D", before, Some(mm(sigma_m)), "mm", &note);
     }
-    if tiles.is_empty() { tiles } else { format!("<div class=\"tiles\">\n{tiles}</div>\n") }
+    if tiles.is_empty() { tiles } else { format!("<div class=\"tiles wide\">\n{tiles}</div>\n") }
 }
 
 fn norm(v: &[f64; 3]) -> f64 {
@@ -151,7 +153,7 @@ fn checks(summary: &DriveSummary, shared: &Summary) -> Vec<Check> {
         checks.push(Check::good_if(
             share <= LEFT_OUT_SHARE,
             format!(
-                "{} of the {} ties given to the smoother ({} %) were left out.",
+                "{} of the {} ties given to the smoother ({}\u{202f}%) were left out.",
                 length(t.ties_left_out),
                 length(t.ties_given),
                 fixed(share * 100.0, 1)

@@ -77,7 +77,7 @@ pub(crate) fn html(summary: &DriveSummary, charts: &DriveCharts) -> String {
         let inside: Vec<[f64; 2]> = thinned(&inside, MOST_CORNERS).map(|p| [p[1], p[2]]).collect();
         let _ = writeln!(svg, "<path class=\"outage\" d=\"{}\"/>", path(&frame, &inside));
     }
-    for class in [Class::StripToStrip, Class::ScannerToScanner, Class::PassToPass] {
+    for class in [Class::ScannerToScanner, Class::StripToStrip, Class::PassToPass] {
         let pairs: Vec<&PairPoint> = charts.pairs.iter().filter(|p| p.class == class).collect();
         if pairs.is_empty() {
             continue;

@@ -11,12 +11,12 @@ use crate::stage::drive::ties::Class;
 
 const BIAS_LEAD: &str = "Measured less true range of each scanner, with twice its standard deviation either way. It is taken off \
 every point. A constant that all ranges have in common cannot be told from the lever arm or the height; it is held near nothing.";
-const FIT_LEAD: &str = "Each value is the median of as many pairs of sightings as the others, used and held out together; the band \
-is the robust standard deviation about it. Differences count towards the vehicle: scanner to scanner is the higher scanner number \
+const FIT_LEAD: &str = "Each value is the median of pairs of sightings of like range, used and held out together; the band is the \
+robust standard deviation about it. Differences count towards the vehicle: scanner to scanner is the higher scanner number \
 less the lower within a visit, pass to pass and strip to strip the last sighting less the first. Without bias the line is flat at \
 zero, and pairs that took no part lie on the line of the others.";
-/// Most values of a line, and least pairs in each.
-const MOST_BINS: usize = 28;
+/// Bins are as wide as this share of the whole, or hold this share of the pairs, and this many at least.
+const MOST_BINS: usize = 20;
 const LEAST_PAIRS: usize = 12;
 
 /// Range bias of the scanners.
@@ -85,18 +85,27 @@ pub(crate) fn fit(charts: &DriveCharts) -> String {
     section("ranges", "Differences over range", FIT_LEAD, &format!("<div class=\"figures\">\n{body}</div>\n"))
 }
 
-/// Statistics of pairs in bins of like numbers, by x: middle, statistics.
+/// Statistics of pairs in bins by x: middle, statistics. Bins are as wide as it takes to hold enough pairs, and not much wider, be
+/// pairs dense or rare.
 fn bins(pairs: &[&PairPoint], x: fn(&PairPoint) -> f64, value: fn(&PairPoint) -> f64) -> Vec<(f64, Discrepancy)> {
     let mut rows: Vec<(f64, f64)> = pairs.iter().map(|p| (x(p), value(p))).collect();
     rows.retain(|r| r.0.is_finite() && r.1.is_finite());
     rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let number = (rows.len() / LEAST_PAIRS).min(MOST_BINS);
-    (0..number)
-        .map(|i| {
-            let group = &rows[rows.len() * i / number..rows.len() * (i + 1) / number];
-            (group[group.len() / 2].0, Discrepancy::of(&group.iter().map(|r| r.1).collect::<Vec<_>>()))
-        })
-        .collect()
+    // the outermost half per cent is too wide a bin
+    let rows = &rows[rows.len() / 200..rows.len() - rows.len() / 200];
+    let (Some(first), Some(last)) = (rows.first(), rows.last()) else { return Vec::new() };
+    let (most, widest) = (rows.len() / MOST_BINS, (last.0 - first.0) / MOST_BINS as f64);
+    let mut bins = Vec::new();
+    let mut from = 0;
+    for to in 1..=rows.len() {
+        let group = &rows[from..to];
+        let full = group.len() >= most || group[group.len() - 1].0 - group[0].0 >= widest;
+        if full && group.len() >= LEAST_PAIRS {
+            bins.push((group[group.len() / 2].0, Discrepancy::of(&group.iter().map(|r| r.1).collect::<Vec<_>>())));
+            from = to;
+        }
+    }
+    bins
 }
 
 fn binned_chart(pairs: &[&PairPoint], class: Class, over: &str, axis: &str, x: fn(&PairPoint) -> f64) -> String {
@@ -173,8 +182,8 @@ mod tests {
         };
         let pairs: Vec<PairPoint> = (0..1000).map(pair).collect();
         let found = bins(&pairs.iter().collect::<Vec<_>>(), |p| p.range_m, |p| p.difference_m.1);
-        assert_eq!(found.len(), MOST_BINS);
-        assert_eq!(found.iter().map(|b| b.1.n).sum::<usize>(), 900);
+        assert!((MOST_BINS - 1..=2 * MOST_BINS).contains(&found.len()), "{}", found.len());
+        assert!(found.iter().all(|b| b.1.n >= LEAST_PAIRS));
         assert!(found.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1.median_m <= w[1].1.median_m));
         assert!(bins(&[], |p| p.range_m, |p| p.range_m).is_empty());
     }

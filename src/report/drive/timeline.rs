@@ -9,7 +9,8 @@ use crate::report::number::{duration, fixed, mm};
 
 const LEAD: &str = "New less old trajectory, as it corrects the points. The band is twice the standard deviation of the new \
 trajectory either way: where the difference leaves it, the old trajectory was off by more than the new one may be. Shaded: more \
-than 5 s without GNSS. Below: how many sightings of ties the smoother used in each second.";
+than 5 s without GNSS. Below: how many sightings of ties \
+the smoother used in each second: of loop ties, which bind several visits, and of increments within one visit.";
 /// Most values of a curve.
 const MOST_POINTS: usize = 600;
 const PANEL: f64 = 96.0;
@@ -65,10 +66,10 @@ fn thinned(values: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 fn frame(summary: &DriveSummary, charts: &DriveCharts, label: &str) -> Chart {
-    let start_s = charts.origin.0;
+    let start_s = charts.origin.time_s;
     Chart {
         label: String::from(label),
-        axis: format!("time, s after {}", charts.origin.1),
+        axis: format!("time, s after {}", charts.origin.words(start_s, 0)),
         limits: (charts.span_s.0 - start_s, charts.span_s.1 - start_s),
         shaded: summary.trajectory.outages.iter().map(|o| (o.start_s - start_s, o.end_s - start_s)).collect(),
         ..Chart::default()
@@ -83,7 +84,7 @@ fn shade_legend(chart: &mut Chart) {
 
 /// Three components of the difference, with the ties below.
 fn differences(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> String {
-    let start_s = charts.origin.0;
+    let start_s = charts.origin.time_s;
     let value = |row: &tieline_filter::CorrectionRow, k: usize| match k {
         0..3 => row.position_enu_m[k],
         _ => row.attitude_rph_rad[k - 3],
@@ -110,41 +111,40 @@ fn differences(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> St
     if charts.corrections.is_empty() {
         return String::new();
     }
-    chart.panels.push(density(charts));
+    let [loops, increments] = &charts.tie_times_s;
+    chart.panels.push(density(charts, loops, "loops, 1/s"));
+    chart.panels.push(density(charts, increments, "incr., 1/s"));
     chart.legend = vec![
         ("line", "after", String::from("new less old")),
         ("band", "after", String::from("± 2 sigma")),
-        ("fill", "after", String::from("sightings of loop ties")),
-        ("line", "held", String::from("of increments")),
+        ("fill", "held", String::from("sightings of loop ties and of increments")),
     ];
     shade_legend(&mut chart);
     chart.html()
 }
 
-/// Sightings of used ties a second.
+/// Sightings of used ties a second, as steps.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn density(charts: &DriveCharts) -> Panel {
+fn density(charts: &DriveCharts, times_s: &[f64], axis: &str) -> Panel {
     let (from_s, to_s) = charts.span_s;
     let bins = ((to_s - from_s).max(1.0) as usize).clamp(1, 150);
     let width_s = (to_s - from_s) / bins as f64;
-    let curve = |times: &[f64], class: &'static str, mark: Mark| {
-        let mut counts = vec![0_usize; bins];
-        for time_s in times.iter().filter(|t| **t >= from_s && **t <= to_s) {
-            counts[(((time_s - from_s) / width_s) as usize).min(bins - 1)] += 1;
-        }
-        let points = counts.iter().enumerate().map(|(i, n)| {
-            (from_s - charts.origin.0 + (i as f64 + 0.5) * width_s, *n as f64 / width_s) // middle of the bin
-        });
-        Curve { class, mark, points: points.collect() }
-    };
-    let [loops, increments] = &charts.tie_times_s;
-    let curves = vec![curve(loops, "after", Mark::Area), curve(increments, "held", Mark::Line)];
-    Panel { axis: String::from("ties, 1/s"), height: 60.0, curves, ..Panel::default() }
+    let mut counts = vec![0_usize; bins];
+    for time_s in times_s.iter().filter(|t| **t >= from_s && **t <= to_s) {
+        counts[(((time_s - from_s) / width_s) as usize).min(bins - 1)] += 1;
+    }
+    // steps: two corners a bin
+    let points = counts.iter().enumerate().flat_map(|(i, n)| {
+        let at = |k: usize| (from_s - charts.origin.time_s + k as f64 * width_s, *n as f64 / width_s);
+        [at(i), at(i + 1)]
+    });
+    let curves = vec![Curve { class: "held", mark: Mark::Area, points: points.collect() }];
+    Panel { axis: String::from(axis), height: 62.0, curves, ..Panel::default() }
 }
 
 /// Standard deviations before and after.
 fn sigmas(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> String {
-    let start_s = charts.origin.0;
+    let start_s = charts.origin.time_s;
     let rows = || charts.corrections.iter().zip(&charts.sigma_before).step_by(step(charts.corrections.len()));
     let most = rows().flat_map(|(r, old)| {
         (first..first + 3).map(move |k| r.sigma[k].max(old.map_or(0.0, |o| o[k]))) // NaN loses against a number
@@ -157,7 +157,7 @@ fn sigmas(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> String 
         let old = rows().map(|(r, old)| (r.time_s - start_s, old.map_or(f64::NAN, |o| o[k] * factor))).collect();
         chart.panels.push(Panel {
             axis: format!("{}, {unit}", NAMES[k]),
-            height: 70.0,
+            height: 86.0,
             curves: vec![
                 Curve { class: "before", mark: Mark::Line, points: old },
                 Curve { class: "after", mark: Mark::Line, points: new },
@@ -178,7 +178,7 @@ fn outages(summary: &DriveSummary, charts: &DriveCharts) -> String {
     let mut table = Table::new(
         "Stretches without GNSS",
         &[
-            ("From", "s", Align::Number),
+            ("From", "second of week", Align::Number),
             ("Length", "", Align::Number),
             ("Largest correction", "mm", Align::Number),
             ("east", "mm", Align::Number),
@@ -195,7 +195,7 @@ fn outages(summary: &DriveSummary, charts: &DriveCharts) -> String {
     .groups(&[("", 3), ("Largest sigma, new", 6), ("Largest sigma, old", 3)]);
     for outage in &summary.trajectory.outages {
         let mut cells = vec![
-            fixed(outage.start_s - charts.origin.0, 1),
+            format!("{:.1}", charts.origin.second_of(outage.start_s)),
             duration(outage.end_s - outage.start_s),
             mm(outage.largest_correction_m),
         ];

@@ -130,8 +130,7 @@ fn plain(key: &str) -> String {
     key.replace(['_', '-'], " ")
 }
 
-/// A kind and what it binds.
-pub(crate) fn kind_in_words(kind: &str) -> String {
+fn kind_in_words(kind: &str) -> String {
     let meaning = match kind {
         "surface_line" => "surface line (one direction, along the normal)",
         "line" => "line (two directions)",

@@ -93,7 +93,7 @@ fn differences(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> St
     let (unit, factor) = unit(first, largest.fold(0.0, f64::max));
     let what = if first < 3 { "position" } else { "attitude" };
     let mut chart = frame(summary, charts, &format!("Difference of the trajectories over time: {what}"));
-    for k in first..first + 3 {
+    for (k, name) in NAMES.iter().enumerate().skip(first).take(3) {
         let points: Vec<(f64, f64)> =
             charts.corrections.iter().map(|r| (r.time_s - start_s, value(r, k) * factor)).collect();
         let band = charts.corrections.iter().step_by(step(charts.corrections.len())).map(|r| {
@@ -101,7 +101,7 @@ fn differences(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> St
             (r.time_s - start_s, v - s, v + s)
         });
         chart.panels.push(Panel {
-            axis: format!("{}, {unit}", NAMES[k]),
+            axis: format!("{name}, {unit}"),
             height: PANEL,
             bands: vec![Band { class: "after", points: band.collect() }],
             curves: vec![Curve { class: "after", mark: Mark::Line, points: thinned(&points) }],
@@ -152,11 +152,11 @@ fn sigmas(summary: &DriveSummary, charts: &DriveCharts, first: usize) -> String 
     let (unit, factor) = unit(first, most.fold(0.0, f64::max));
     let what = if first < 3 { "position" } else { "attitude" };
     let mut chart = frame(summary, charts, &format!("Standard deviations of the {what} over time"));
-    for k in first..first + 3 {
+    for (k, name) in NAMES.iter().enumerate().skip(first).take(3) {
         let new = rows().map(|(r, _)| (r.time_s - start_s, r.sigma[k] * factor)).collect();
         let old = rows().map(|(r, old)| (r.time_s - start_s, old.map_or(f64::NAN, |o| o[k] * factor))).collect();
         chart.panels.push(Panel {
-            axis: format!("{}, {unit}", NAMES[k]),
+            axis: format!("{name}, {unit}"),
             height: 86.0,
             curves: vec![
                 Curve { class: "before", mark: Mark::Line, points: old },

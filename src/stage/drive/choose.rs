@@ -60,6 +60,9 @@ pub fn choose(lines: &[DriveLine], most_live: usize) -> Chosen {
     chosen
 }
 
+/// Ties of one kind tell the same: direction, and scanner and range class of the first two ends.
+type Kind = (u8, Vec<(u16, u8)>);
+
 struct Candidate {
     line: usize,
     visit: Option<usize>,
@@ -68,7 +71,7 @@ struct Candidate {
     variance_m2: f64,
     /// Worst standard deviation of the position at its ends \[m\].
     position_sigma_m: f64,
-    kind: (u8, Vec<(u16, u8)>),
+    kind: Kind,
 }
 
 impl Candidate {
@@ -120,7 +123,7 @@ fn thin(mut candidates: Vec<Candidate>, most_live: f64) -> (Vec<Candidate>, f64)
     };
     let mut spacing_s = 0.05;
     loop {
-        let mut taken: BTreeMap<&(u8, Vec<(u16, u8)>), Vec<(f64, f64)>> = BTreeMap::new();
+        let mut taken: BTreeMap<&Kind, Vec<(f64, f64)>> = BTreeMap::new();
         let mut kept = Vec::new();
         for (i, c) in candidates.iter().enumerate() {
             let of_kind = taken.entry(&c.kind).or_default();

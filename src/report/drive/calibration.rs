@@ -5,8 +5,8 @@ use crate::report::html::{Align, Table, bar, escape, section};
 use crate::report::number::{count, decimals_for, fixed, length, mm, signed};
 
 const LEAD: &str = "Corrections of the mounting that the project gives, on its axes. Known from data says how much of a value comes \
-from this drive: at 0 % it is what was assumed beforehand. A term whose test is below 1 differs from nothing by no more than \
-chance: it is fixed at its nominal value, and the others get better known.";
+from this drive: at 0 % it is what was assumed beforehand. Each term is tested for all scanners together: below 1 it differs from \
+nothing by no more than chance, is fixed at its nominal value, and the others get better known.";
 const INNOVATION_LEAD: &str = "Measured less expected, in units of what was to be expected: the mean of its square is 1 a component \
 when the sigmas are right, less when they are cautious. Above 2 a measurement is worse than its sigma says.";
 

@@ -64,6 +64,7 @@ pub struct Group {
 
 impl Group {
     /// Its constants.
+    #[must_use]
     pub fn constants(&self) -> std::ops::Range<usize> {
         self.first..self.first + self.prior.nrows()
     }

@@ -93,7 +93,7 @@ fn place(summary: &DriveSummary, charts: &DriveCharts) -> String {
     let at = format!("at {}", charts.origin.words(time_s, 1));
     let outage = summary.trajectory.outages.iter().find(|o| time_s >= o.start_s && time_s <= o.end_s);
     match outage {
-        Some(o) => format!("{at}, in {} without GNSS", duration(o.end_s - o.start_s)),
+        Some(o) => format!("{at}, within the {} without GNSS", duration(o.end_s - o.start_s)),
         None => at,
     }
 }
@@ -162,8 +162,11 @@ fn checks(summary: &DriveSummary, shared: &Summary) -> Vec<Check> {
     }
     if let Some(tie) = t.innovations.get("tie").filter(|i| i.mean_nis_per_component.is_finite()) {
         let good = tie.mean_nis_per_component <= TIE_NIS;
-        let meaning =
-            if good { "they fit as well as their sigmas say" } else { "they fit worse than their sigmas say" };
+        let meaning = match tie.mean_nis_per_component {
+            nis if nis > TIE_NIS => "they fit worse than their sigmas say",
+            nis if nis < 1.0 / TIE_NIS => "they fit better than their sigmas say, which are cautious",
+            _ => "they fit as well as their sigmas say",
+        };
         let nis = fixed(tie.mean_nis_per_component, 2);
         checks.push(Check::good_if(good, format!("Ties have a mean squared innovation of {nis}: {meaning}.")));
     }

@@ -61,6 +61,23 @@ fn the_sample_drive_gets_better_in_its_outage() {
     ] {
         assert!(bench.path("out").join(name).is_file(), "{name}");
     }
+    // three lines for a person, and the same for machines
+    assert_eq!(ran.out.lines().count(), 3, "{}", ran.out);
+    let text = std::fs::read_to_string(bench.path("out/summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let d = &summary["discrepancy"];
+    let rms = |stage: &str| d[stage]["sigma_mad_m"].as_f64().expect("a number");
+    assert!(rms("after") < rms("before") && rms("held_out_after") < rms("held_out_before"), "{d}");
+    let ties = &summary["ties"];
+    for kind in ["surface_line", "increment"] {
+        let n = |key: &str| ties[kind][key].as_u64().expect("a number");
+        assert!(n("found") >= n("used") + n("held_out") && n("used") > 0, "{kind}: {ties}");
+    }
+    assert!(summary["ties_by_class"]["scanner to scanner"]["found"].is_u64(), "{text}");
+    let gaps = summary["trajectory"]["outages"].as_array().expect("outages");
+    assert!(gaps.iter().any(|g| (g["start_s"].as_f64().expect("a time") - times[0]).abs() < 1.5), "{gaps:?}");
+    let page = std::fs::read_to_string(bench.path("out/report.html")).expect("a page");
+    assert!(!page.contains("NaN") && !page.contains("//") && page.contains("<section id=\"trajectory\">"));
     // the calibration is loadable as a platform
     let calibration = std::fs::read_to_string(bench.path("out/calibration.toml")).expect("calibration");
     assert!(calibration.contains("[[platform.scanner]]") && calibration.contains("boresight_deg"), "{calibration}");

@@ -1,8 +1,22 @@
 //! The report of a drive.
 
+mod calibration;
+pub mod data;
+#[cfg(test)]
+mod example;
+mod fit;
+mod gather;
+mod headline;
+mod map;
+mod page;
+mod pairs;
+mod ranges;
+mod timeline;
+
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use tieline_io::output::write_whole;
 
 use crate::command::navigate::Written;
 use crate::job::Matched;
@@ -41,12 +55,20 @@ pub struct DriveReport<'a> {
 ///
 /// # Errors
 /// When one cannot be written.
-pub fn write_report(_out: &Path, _report: &DriveReport<'_>) -> Result<serde_json::Value> {
-    Ok(serde_json::Value::Null)
+pub fn write_report(out: &Path, report: &DriveReport<'_>) -> Result<serde_json::Value> {
+    let (summary, charts) = gather::gather(report);
+    let value = serde_json::to_value(&summary).context("the summary cannot be written as JSON")?;
+    let write = |name: &str, text: &str| {
+        write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
+    };
+    write("summary.json", &format!("{value:#}\n"))?;
+    write("report.html", &page::render(&summary, &charts))?;
+    Ok(value)
 }
 
-/// What got better, and where the report lies.
+/// What got better, what was calibrated and how sure the trajectory is, and where the report lies.
 #[must_use]
-pub fn three_lines(_report: &DriveReport<'_>, page: &Path) -> String {
-    format!("Report: {}", page.display())
+pub fn three_lines(report: &DriveReport<'_>, page: &Path) -> String {
+    let (summary, charts) = gather::gather(report);
+    format!("{}\nReport: {}", headline::two_lines(&summary, &charts), page.display())
 }

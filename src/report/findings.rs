@@ -35,12 +35,23 @@ pub(crate) struct Check {
 }
 
 impl Check {
-    fn new(grade: Grade, text: String) -> Self {
+    /// A check.
+    pub(crate) fn new(grade: Grade, text: String) -> Self {
         Self { grade, text }
     }
 
-    fn good_if(good: bool, text: String) -> Self {
+    /// Good, or a warning.
+    pub(crate) fn good_if(good: bool, text: String) -> Self {
         Self::new(if good { Grade::Good } else { Grade::Warning }, text)
+    }
+
+    /// Warnings come first, remarks last.
+    pub(crate) fn place(&self) -> u8 {
+        match self.grade {
+            Grade::Warning => 0,
+            Grade::Good => 1,
+            Grade::Remark => 2,
+        }
     }
 }
 
@@ -114,7 +125,7 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
 }
 
 /// What the ties say that took no part.
-fn held_out_sentence(summary: &Summary) -> String {
+pub(crate) fn held_out_sentence(summary: &Summary) -> String {
     let d = &summary.discrepancy;
     if d.held_out_after.n == 0 {
         return String::from("No ties were held out, so nothing independent confirms this.");
@@ -146,15 +157,12 @@ pub(crate) fn checks(summary: &Summary) -> Vec<Check> {
         adjustment(summary, &mut checks);
     }
     checks.extend(summary.calibration.warnings.iter().map(|w| Check::new(Grade::Warning, w.clone())));
-    checks.sort_by_key(|c| match c.grade {
-        Grade::Warning => 0,
-        Grade::Good => 1,
-        Grade::Remark => 2,
-    });
+    checks.sort_by_key(Check::place);
     checks
 }
 
-fn held_out(summary: &Summary, checks: &mut Vec<Check>) {
+/// Whether held-out ties agree with the others.
+pub(crate) fn held_out(summary: &Summary, checks: &mut Vec<Check>) {
     let d = &summary.discrepancy;
     if d.held_out_after.n == 0 {
         checks.push(Check::new(Grade::Warning, String::from("No ties were held out: over-adjustment cannot be seen.")));

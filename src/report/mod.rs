@@ -1,5 +1,6 @@
 //! The report: one self-contained page, a summary for machines, pictures and georeferenced maps.
 
+mod chart;
 mod colour;
 pub mod data;
 pub mod drive;

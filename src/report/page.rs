@@ -27,17 +27,21 @@ pub fn render(summary: &Summary, points: &[TiePoint], pictures: &Pictures) -> St
         record::files(summary),
         record::times(summary),
     ];
-    let name = escape(&summary.name);
+    frame(&format!("{} – strip adjustment report", summary.name), &headline::html(summary), &sections)
+}
+
+/// A page of a first screen and sections.
+pub(crate) fn frame(title: &str, first_screen: &str, sections: &[String]) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-         <title>{name} – strip adjustment report</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{}",
-        headline::html(summary)
+         <title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{first_screen}",
+        escape(title)
     );
-    page.push_str(&contents(&sections));
-    for section in &sections {
+    page.push_str(&contents(sections));
+    for section in sections {
         page.push_str(section);
     }
     page.push_str("</main>\n</body>\n</html>\n");

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::report::data::{Discrepancy, Summary};
-use crate::report::findings::{Grade, checks, is_adjusted, pair_name, sentences, worst_pair};
+use crate::report::findings::{Check, Grade, checks, is_adjusted, pair_name, sentences, worst_pair};
 use crate::report::html::escape;
 use crate::report::number::{count, counted, fixed, length, mm};
 
@@ -17,7 +17,7 @@ pub(crate) fn html(summary: &Summary) -> String {
         let _ = writeln!(out, "<p{class}>{}</p>", escape(sentence));
     }
     out.push_str(&tiles(summary));
-    out.push_str(&remarks(summary));
+    out.push_str(&remarks(&checks(summary)));
     out.push_str("</header>\n");
     out
 }
@@ -64,7 +64,8 @@ fn tiles(summary: &Summary) -> String {
     if tiles.is_empty() { tiles } else { format!("<div class=\"tiles\">\n{tiles}</div>\n") }
 }
 
-fn difference_tile(label: &str, before: &Discrepancy, after: &Discrepancy) -> String {
+/// A difference before and after.
+pub(crate) fn difference_tile(label: &str, before: &Discrepancy, after: &Discrepancy) -> String {
     let n = length(before.n.max(after.n));
     if after.n == 0 {
         let note = format!("median {} mm, {n} differences", mm(before.median_m));
@@ -74,7 +75,8 @@ fn difference_tile(label: &str, before: &Discrepancy, after: &Discrepancy) -> St
     tile(label, Some(mm(before.rms_m)), Some(mm(after.rms_m)), "mm", &note)
 }
 
-fn tile(label: &str, before: Option<String>, after: Option<String>, unit: &str, note: &str) -> String {
+/// Large numbers with what they are.
+pub(crate) fn tile(label: &str, before: Option<String>, after: Option<String>, unit: &str, note: &str) -> String {
     let numbers = match (before, after) {
         (Some(before), Some(after)) => {
             format!("<span class=\"was\">{before}</span> <span class=\"to\">→</span> <b>{after}</b>")
@@ -90,9 +92,8 @@ fn tile(label: &str, before: Option<String>, after: Option<String>, unit: &str, 
     )
 }
 
-/// Checks, warnings first.
-fn remarks(summary: &Summary) -> String {
-    let checks = checks(summary);
+/// Checks as a list.
+pub(crate) fn remarks(checks: &[Check]) -> String {
     if checks.is_empty() {
         return String::new();
     }

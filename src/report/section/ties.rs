@@ -1,5 +1,6 @@
 //! Ties: their differences as histograms and statistics, how many were found, and why others were not taken.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::report::data::{Discrepancy, Summary, TiePoint};
@@ -51,7 +52,7 @@ fn figure(body: &mut String, caption: &str, chart: &str) {
 
 /// A round number that a share of the sizes stays below.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a rank in the list
-fn reach(values_m: &[f64], share: f64) -> f64 {
+pub(crate) fn reach(values_m: &[f64], share: f64) -> f64 {
     let mut sizes: Vec<f64> = values_m.iter().map(|v| v.abs()).collect();
     sizes.sort_unstable_by(f64::total_cmp);
     let rank = (share * sizes.len() as f64) as usize;
@@ -104,19 +105,24 @@ pub(crate) fn numbers(summary: &Summary) -> String {
     for (kind, n) in summary.ties.iter().filter(|(_, n)| n.found + n.used + n.held_out > 0) {
         kinds.row(&[kind_in_words(kind), count(n.found), count(n.used), count(n.held_out)]);
     }
+    let body = format!("<div class=\"beside\">\n{}{}</div>\n", kinds.html(), rejections(&summary.rejected));
+    section("numbers", "Ties found and rejected", COUNT_LEAD, &body)
+}
+
+/// Ends rejected, by reason, the most frequent first.
+pub(crate) fn rejections(by_reason: &BTreeMap<String, u64>) -> String {
     let mut reasons = Table::new(
         "Rejected, by reason",
         &[("Reason", "", Align::Text), ("Number", "", Align::Number), ("Share", "", Align::Text)],
     );
-    let mut rejected: Vec<(&String, u64)> = summary.rejected.iter().map(|(reason, n)| (reason, *n)).collect();
+    let mut rejected: Vec<(&String, u64)> = by_reason.iter().map(|(reason, n)| (reason, *n)).collect();
     rejected.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
     let total: u64 = rejected.iter().map(|r| r.1).sum();
     for (reason, n) in rejected {
         let share = n as f64 / total.max(1) as f64;
         reasons.row_of_html("", &[crate::report::html::escape(&plain(reason)), count(n), bar(share, "quiet")]);
     }
-    let body = format!("<div class=\"beside\">\n{}{}</div>\n", kinds.html(), reasons.html());
-    section("numbers", "Ties found and rejected", COUNT_LEAD, &body)
+    reasons.html()
 }
 
 /// A key as words: `normal_angle` is `normal angle`.

@@ -60,7 +60,7 @@ pub fn choose(lines: &[DriveLine], most_live: usize) -> Chosen {
     chosen
 }
 
-/// Direction, and of increments the scanners with their ranges.
+/// Ties of one kind tell the same: direction, and scanner and range class of the first two ends.
 type Kind = (u8, Vec<(u16, u8)>);
 
 struct Candidate {

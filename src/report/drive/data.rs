@@ -1,0 +1,307 @@
+//! What the report of a drive is made of. [`DriveSummary`] is `summary.json` of a drive; its keys are public.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tieline_filter::CorrectionRow;
+
+use crate::report::data::{Discrepancies, FileSummary, Summary, TieCounts, Timing};
+use crate::settings::Setting;
+use crate::stage::drive::ties::Class;
+
+/// Numbers of measurements.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct MeasurementCounts {
+    /// Samples of the IMU.
+    pub imu_samples: usize,
+    /// Seconds between them.
+    pub imu_interval_s: f64,
+    /// GNSS fixes.
+    pub gnss_fixes: usize,
+    /// Readings of the odometer.
+    pub odometer_readings: usize,
+    /// Known points.
+    pub known_points: usize,
+}
+
+/// One strip.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct DriveStrip {
+    /// Name.
+    pub name: String,
+    /// Points.
+    pub points: u64,
+    /// First survey time \[s\].
+    pub start_s: f64,
+    /// Last survey time \[s\].
+    pub end_s: f64,
+    /// First time in UTC, when the week is known.
+    pub start_utc: Option<String>,
+    /// Scanners.
+    pub scanners: Vec<u16>,
+    /// Correction of the trajectory at its middle: east, north, up \[m\].
+    pub correction_enu_m: [f64; 3],
+    /// Largest correction of the trajectory within it \[m\].
+    pub largest_correction_m: f64,
+}
+
+/// Ties of a kind or class.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct ClassSummary {
+    /// Their numbers.
+    #[serde(flatten)]
+    pub counts: TieCounts,
+    /// Their differences.
+    pub discrepancy: Discrepancies,
+}
+
+/// A term of the calibration.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct TermSummary {
+    /// Scanner, 0-based.
+    pub scanner: usize,
+    /// Name.
+    pub name: String,
+    /// Estimated, or fixed at its nominal value.
+    pub estimated: bool,
+    /// Above 1 the data ask for it.
+    pub test: f64,
+    /// Directions of it that the data do not see.
+    pub directions_not_seen: usize,
+}
+
+/// A value of the calibration, as a correction of the platform.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct EstimateSummary {
+    /// Scanner, 0-based.
+    pub scanner: usize,
+    /// Term.
+    pub term: String,
+    /// Term and axis.
+    pub name: String,
+    /// `deg`, `m` or `s`.
+    pub unit: String,
+    /// Value.
+    pub value: f64,
+    /// Standard deviation.
+    pub sigma: f64,
+    /// Standard deviation beforehand.
+    pub prior_sigma: f64,
+}
+
+/// The range bias of a scanner: measured less true range.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct CurveSummary {
+    /// Scanner, 0-based.
+    pub scanner: usize,
+    /// Ranges \[m\].
+    pub range_m: Vec<f64>,
+    /// Bias \[m\].
+    pub bias_m: Vec<f64>,
+    /// Its standard deviation \[m\].
+    pub sigma_m: Vec<f64>,
+}
+
+/// `calibration` of the summary.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct DriveCalibration {
+    /// Terms.
+    pub terms: Vec<TermSummary>,
+    /// Values.
+    pub estimates: Vec<EstimateSummary>,
+    /// Range bias of the scanners whose range correction is estimated.
+    pub range_bias: Vec<CurveSummary>,
+}
+
+/// A stretch without GNSS.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Outage {
+    /// Last fix before \[s\], survey time.
+    pub start_s: f64,
+    /// First fix after \[s\].
+    pub end_s: f64,
+    /// Largest correction of the trajectory in it \[m\].
+    pub largest_correction_m: f64,
+    /// Largest standard deviation of the new trajectory in it: east, north, up \[m\]; roll, pitch, heading \[deg\].
+    pub largest_sigma_enu_m: [f64; 3],
+    /// Roll, pitch, heading \[deg\].
+    pub largest_sigma_rph_deg: [f64; 3],
+    /// The same of the trajectory that the strips were made with, where it is known \[m\].
+    pub largest_sigma_before_enu_m: Option<[f64; 3]>,
+}
+
+/// The largest correction.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct LargestCorrection {
+    /// Survey time \[s\].
+    pub time_s: f64,
+    /// East, north, up \[m\].
+    pub enu_m: [f64; 3],
+    /// Length \[m\].
+    pub length_m: f64,
+}
+
+/// Innovations of a kind of measurement.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct InnovationSummary {
+    /// Measurements.
+    pub count: usize,
+    /// Down-weighted.
+    pub down_weighted: usize,
+    /// Left out.
+    pub left_out: usize,
+    /// Normalised innovation squared per component, mean: 1 when the filter is right.
+    pub mean_nis_per_component: f64,
+}
+
+/// `trajectory` of the summary.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct DriveTrajectory {
+    /// Epochs.
+    pub epochs: usize,
+    /// First and last time \[s\], clock of the measurements.
+    pub span_s: [f64; 2],
+    /// Root mean squares of the standard deviations north, east, down \[m\].
+    pub rms_sigma_position_ned_m: [f64; 3],
+    /// The same of roll, pitch, heading \[deg\].
+    pub rms_sigma_roll_pitch_heading_deg: [f64; 3],
+    /// Runs of the smoother.
+    pub runs: usize,
+    /// Largest change of the last run, over sigma.
+    pub last_change_sigma: f64,
+    /// Ties given to the smoother, and left out by it.
+    pub ties_given: usize,
+    /// Left out.
+    pub ties_left_out: usize,
+    /// Largest difference, new less old.
+    pub largest_correction: LargestCorrection,
+    /// Stretches of more than 5 s without GNSS.
+    pub outages: Vec<Outage>,
+    /// Innovations by kind of measurement.
+    pub innovations: BTreeMap<String, InnovationSummary>,
+    /// Remarks of the smoother.
+    pub notes: Vec<String>,
+}
+
+/// `summary.json` of a drive.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct DriveSummary {
+    /// Version of tieline.
+    pub version: String,
+    /// Name of the job.
+    pub name: String,
+    /// Input files with their numbers of points.
+    pub inputs: Vec<(String, u64)>,
+    /// What the trajectory was made of.
+    pub measurements: MeasurementCounts,
+    /// Reference system.
+    pub crs: String,
+    /// Settings with their reasons.
+    pub settings: Vec<Setting>,
+    /// Strips.
+    pub strips: Vec<DriveStrip>,
+    /// Ties by kind.
+    pub ties: BTreeMap<String, ClassSummary>,
+    /// Ties by what they bind; differences count towards the vehicle, those of scanner to scanner are of one visit of any tie, the
+    /// scanner of the highest number less that of the lowest.
+    pub ties_by_class: BTreeMap<String, ClassSummary>,
+    /// Ends rejected, by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// Differences, last less first sighting of each line, before and after.
+    pub discrepancy: Discrepancies,
+    /// Calibration.
+    pub calibration: DriveCalibration,
+    /// Trajectory.
+    pub trajectory: DriveTrajectory,
+    /// Corrected files.
+    pub files: Vec<FileSummary>,
+    /// Remarks of all stages.
+    pub notes: Vec<String>,
+    /// Times.
+    pub timing: Timing,
+    /// Peak memory \[bytes\].
+    pub peak_memory_bytes: u64,
+}
+
+impl DriveSummary {
+    /// The parts that the report of strips has as well, for the sections that both share.
+    pub(crate) fn shared(&self) -> Summary {
+        Summary {
+            version: self.version.clone(),
+            name: self.name.clone(),
+            inputs: self.inputs.clone(),
+            crs: self.crs.clone(),
+            settings: self.settings.clone(),
+            notes: self.notes.clone(),
+            ties: self.ties.iter().map(|(kind, t)| (kind.clone(), t.counts)).collect(),
+            rejected: self.rejected.clone(),
+            discrepancy: self.discrepancy,
+            files: self.files.clone(),
+            timing: self.timing.clone(),
+            peak_memory_bytes: self.peak_memory_bytes,
+            ..Summary::default()
+        }
+    }
+}
+
+/// Two sightings of a line as the charts show them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PairPoint {
+    /// What they bind.
+    pub(crate) class: Class,
+    /// East, north \[m\].
+    pub(crate) east_north_m: [f64; 2],
+    /// Higher scanner less lower, or later less earlier, towards the vehicle: before, after \[m\].
+    pub(crate) difference_m: (f64, f64),
+    /// Mean range of the two sightings \[m\].
+    pub(crate) range_m: f64,
+    /// To the right of the vehicle, at the first sighting \[m\].
+    pub(crate) lateral_m: f64,
+    /// Held out of the solution.
+    pub(crate) held_out: bool,
+}
+
+/// What time axes count from.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Origin {
+    /// Survey time \[s\].
+    pub(crate) time_s: f64,
+    /// The same as seconds of week, and the week; as they are where the week is not known.
+    pub(crate) second: f64,
+    /// GPS week.
+    pub(crate) week: Option<u32>,
+}
+
+impl Origin {
+    /// Seconds of week of a survey time \[s\]; they run on past the end of the week.
+    pub(crate) fn second_of(&self, time_s: f64) -> f64 {
+        time_s - self.time_s + self.second
+    }
+
+    /// A survey time \[s\] in words.
+    pub(crate) fn words(&self, time_s: f64, decimals: usize) -> String {
+        let second = format!("second {:.decimals$}", self.second_of(time_s));
+        self.week.map_or_else(|| second.clone(), |week| format!("{second} of GPS week {week}"))
+    }
+}
+
+/// What only the charts need.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct DriveCharts {
+    /// What the time axes count from.
+    pub(crate) origin: Origin,
+    /// First and last time of the strips \[s\].
+    pub(crate) span_s: (f64, f64),
+    /// Differences of the trajectories, with the new one's standard deviations.
+    pub(crate) corrections: Vec<CorrectionRow>,
+    /// Standard deviations of the old one at these times, where known: east, north, up \[m\], roll, pitch, heading \[rad\].
+    pub(crate) sigma_before: Vec<Option<[f64; 6]>>,
+    /// Times of the sightings of used ties: loop ties, increments \[s\].
+    pub(crate) tie_times_s: [Vec<f64>; 2],
+    /// Differences of all lines, last less first sighting: before, after \[m\], held out.
+    pub(crate) lines: Vec<(f64, f64, bool)>,
+    /// Pairs of sightings by class.
+    pub(crate) pairs: Vec<PairPoint>,
+    /// Path: time \[s\], east, north \[m\].
+    pub(crate) path: Vec<[f64; 3]>,
+}

@@ -39,6 +39,7 @@ fn main() -> Result<()> {
     }
     let mut options = Options::new(noise);
     options.gnss.lever_arm_m = scenario.gnss.lever_arm_m;
+    options.gnss.correlated_share = scenario.gnss.correlated_share;
     options.most_runs = 1;
     #[allow(clippy::cast_precision_loss)]
     let epochs = inputs.imu.samples().len() as f64;

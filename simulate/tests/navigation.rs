@@ -53,6 +53,7 @@ fn false_ties_within_an_outage_are_found_and_no_others() {
     let inputs = scenario.simulate().expect("the same drive").inputs;
     let mut options = Options::new(grade.noise());
     options.gnss.lever_arm_m = scenario.gnss.lever_arm_m;
+    options.gnss.correlated_share = scenario.gnss.correlated_share;
     let solution = Smoother::run(&inputs, &options).expect("a solution");
     let is_false: Vec<bool> = inputs.ties.iter().zip(&clean.ties).map(|(a, b)| a != b).collect();
     let left_out: Vec<bool> = solution.ties.iter().map(|t| t.weights[1] < 0.5).collect();

@@ -37,7 +37,7 @@ impl Default for GnssScenario {
         Self {
             interval_s: 1.0,
             sigma_ned_m: Vector3::new(0.01, 0.01, 0.02),
-            correlated_share: 0.2,
+            correlated_share: 0.5,
             correlation_s: 100.0,
             lever_arm_m: Vector3::new(0.3, -0.2, -1.1),
             velocity_sigma_mps: None,

@@ -54,10 +54,12 @@ fn for_seeds<T: Send>(count: u64, function: impl Fn(u64) -> Result<T> + Sync) ->
     slots.into_iter().map(|r| r.context("a seed without a result")?).collect()
 }
 
-/// What a user would type: the preset and the lever arm that was measured on the vehicle, nothing else.
+/// What a user would type: the preset, the lever arm that was measured on the vehicle, and how much of the receiver's error is
+/// slow; nothing else.
 fn options(grade: ImuGrade, scenario: &NavigationScenario) -> Options {
     let mut options = Options::new(grade.noise());
     options.gnss.lever_arm_m = scenario.gnss.lever_arm_m;
+    options.gnss.correlated_share = scenario.gnss.correlated_share;
     options
 }
 

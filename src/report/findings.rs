@@ -125,7 +125,7 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
 }
 
 /// What the ties say that took no part.
-pub(crate) fn held_out_sentence(summary: &Summary) -> String {
+fn held_out_sentence(summary: &Summary) -> String {
     let d = &summary.discrepancy;
     if d.held_out_after.n == 0 {
         return String::from("No ties were held out, so nothing independent confirms this.");
@@ -161,8 +161,7 @@ pub(crate) fn checks(summary: &Summary) -> Vec<Check> {
     checks
 }
 
-/// Whether held-out ties agree with the others.
-pub(crate) fn held_out(summary: &Summary, checks: &mut Vec<Check>) {
+fn held_out(summary: &Summary, checks: &mut Vec<Check>) {
     let d = &summary.discrepancy;
     if d.held_out_after.n == 0 {
         checks.push(Check::new(Grade::Warning, String::from("No ties were held out: over-adjustment cannot be seen.")));

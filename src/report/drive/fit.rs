@@ -10,7 +10,7 @@ use crate::report::section::ties::{reach, rejections};
 
 const LEAD: &str = "A tie is a surface seen twice or more: by two scanners in one visit, in two passes of a strip, or in two \
 strips. Its difference is the distance of the last sighting from the first along the surface's normal. A fifth of the ties, whole \
-places of them, took no part in the solution: they judge it. Nothing is taken out of these numbers; a parked car that drove off \
+places of them, are held out: they judge the solution. Of the others the smoother took a part; all of them are in these numbers. Nothing is taken out of these numbers; a parked car that drove off \
 between two visits is in the rms, hardly in the median and the robust standard deviation.";
 
 /// The section.
@@ -32,11 +32,11 @@ pub(crate) fn html(summary: &DriveSummary, charts: &DriveCharts) -> String {
             ),
         ),
         (
-            "After: ties of the solution against those held out",
+            "After: ties not held out against those held out",
             histogram(
-                "Histogram of tie differences after, of the solution and held out",
+                "Histogram of tie differences after, not held out and held out",
                 reach(&after, 0.97),
-                &[series("of the solution", "after", &used, true), series("held out", "held", &held, false)],
+                &[series("not held out", "after", &used, true), series("held out", "held", &held, false)],
             ),
         ),
     ];
@@ -68,8 +68,8 @@ fn statistics(summary: &DriveSummary) -> String {
     );
     let d = &summary.discrepancy;
     let rows = [
-        ("Of the solution, before", &d.before),
-        ("Of the solution, after", &d.after),
+        ("Not held out, before", &d.before),
+        ("Not held out, after", &d.after),
         ("Held out, before", &d.held_out_before),
         ("Held out, after", &d.held_out_after),
     ];

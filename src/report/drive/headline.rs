@@ -2,31 +2,36 @@
 
 use std::fmt::Write as _;
 
-use crate::report::data::{Discrepancy, Summary};
+use crate::report::data::{Discrepancies, Discrepancy};
 use crate::report::drive::data::{ClassSummary, DriveCharts, DriveSummary};
-use crate::report::findings::{Check, Grade, held_out, held_out_sentence};
+use crate::report::findings::{Check, Grade};
 use crate::report::html::escape;
 use crate::report::number::{count, counted, duration, fixed, length, mm};
-use crate::report::section::headline::{difference_tile, remarks, tile};
+use crate::report::section::headline::{remarks, tile};
 
 /// Largest share of ties left out that is nothing to look at.
 const LEFT_OUT_SHARE: f64 = 0.05;
 /// A class with fewer differences has no number of its own on the first screen.
 const LEAST_DIFFERENCES: usize = 30;
+/// Held-out ties may spread by this factor more than the others, and their median may be off by this much \[m\].
+const HELD_OUT_RATIO: f64 = 1.10;
+const HELD_OUT_MEDIAN_M: f64 = 1e-3;
+/// A tie further apart than this many robust sd does not belong to the rest.
+const FAR: f64 = 5.0;
 /// Mean squares of innovations of ties that are ordinary.
 const TIE_NIS: f64 = 2.0;
 
 /// The first screen.
-pub(crate) fn html(summary: &DriveSummary, shared: &Summary, charts: &DriveCharts) -> String {
+pub(crate) fn html(summary: &DriveSummary, charts: &DriveCharts) -> String {
     let mut out = String::from("<header>\n");
     let _ = writeln!(out, "<p class=\"kind\">Drive report</p>\n<h1>{}</h1>", escape(&summary.name));
     let _ = writeln!(out, "<p class=\"facts\">{}</p>", facts(summary));
-    for (i, sentence) in sentences(summary, shared, charts).iter().enumerate() {
+    for (i, sentence) in sentences(summary, charts).iter().enumerate() {
         let class = if i == 0 { " class=\"first\"" } else { "" };
         let _ = writeln!(out, "<p{class}>{}</p>", escape(sentence));
     }
     out += &tiles(summary, charts);
-    out += &remarks(&checks(summary, shared));
+    out += &remarks(&checks(summary));
     out.push_str("</header>\n");
     out
 }
@@ -55,7 +60,7 @@ fn both(d: &Discrepancy) -> String {
     format!("{} mm (robust sd; rms {} mm)", mm(d.sigma_mad_m), mm(d.rms_m))
 }
 
-fn sentences(summary: &DriveSummary, shared: &Summary, charts: &DriveCharts) -> Vec<String> {
+fn sentences(summary: &DriveSummary, charts: &DriveCharts) -> Vec<String> {
     let d = &summary.discrepancy;
     if d.before.n == 0 {
         return vec![String::from("No surface was seen twice, so nothing could be compared or adjusted.")];
@@ -74,7 +79,7 @@ fn sentences(summary: &DriveSummary, shared: &Summary, charts: &DriveCharts) -> 
             both(&d.after)
         )
     };
-    let mut all = vec![first, held_out_sentence(shared)];
+    let mut all = vec![first, held_out_sentence(d)];
     let largest = &summary.trajectory.largest_correction;
     if largest.length_m > 0.0 {
         let [east, north, up] = largest.enu_m.map(mm);
@@ -85,6 +90,60 @@ fn sentences(summary: &DriveSummary, shared: &Summary, charts: &DriveCharts) -> 
         ));
     }
     all
+}
+
+/// What the ties say that took no part. Nothing is taken out of the ties of a drive: the rms tells of what moved or was mistaken, the
+/// robust sd of the solution.
+fn held_out_sentence(d: &Discrepancies) -> String {
+    if d.held_out_after.n == 0 {
+        return String::from("No ties were held out, so nothing independent confirms this.");
+    }
+    let (before, after) = (both(&d.held_out_before), both(&d.held_out_after));
+    let n = length(d.held_out_after.n);
+    if d.held_out_after.sigma_mad_m >= d.held_out_before.sigma_mad_m {
+        format!(
+            "Ties that took no part did not get better: {before} before, {after} after, {n} ties. Do not use this result as it is."
+        )
+    } else if d.held_out_after.sigma_mad_m > HELD_OUT_RATIO * d.after.sigma_mad_m {
+        format!(
+            "Ties that took no part got better too, from {before} to {after}, {n} ties, yet less than the others: a part of the gain is fitted to the ties."
+        )
+    } else {
+        format!("Ties that took no part in the solution confirm it: {before} before, {after} after, {n} ties.")
+    }
+}
+
+/// Whether held-out ties agree with the others, and how far those go that do not fit.
+fn held_out(d: &Discrepancies, checks: &mut Vec<Check>) {
+    if d.after.n == 0 {
+        return;
+    }
+    if d.held_out_after.n == 0 {
+        checks.push(Check::new(Grade::Warning, String::from("No ties were held out: over-adjustment cannot be seen.")));
+        return;
+    }
+    let ratio = d.held_out_after.sigma_mad_m / d.after.sigma_mad_m;
+    let spread = format!(
+        "Held-out ties spread {} × as far as the others (robust sd; up to {HELD_OUT_RATIO:.2} is good).",
+        fixed(ratio, 2)
+    );
+    checks.push(Check::good_if(ratio <= HELD_OUT_RATIO, spread));
+    let median_m = d.held_out_after.median_m;
+    let median = format!(
+        "The median of the held-out ties is {} mm (within {} mm is good).",
+        mm(median_m),
+        mm(HELD_OUT_MEDIAN_M)
+    );
+    checks.push(Check::good_if(median_m.abs() <= HELD_OUT_MEDIAN_M, median));
+    let rms_m = d.after.rms_m.max(d.held_out_after.rms_m);
+    if rms_m > FAR * d.after.sigma_mad_m {
+        let text = format!(
+            "A few ties are far from the rest (rms up to {} mm at a robust sd of {} mm): things that moved between two visits, or mistaken surfaces.",
+            mm(rms_m),
+            mm(d.after.sigma_mad_m)
+        );
+        checks.push(Check::new(Grade::Remark, text));
+    }
 }
 
 /// Where the largest correction is.
@@ -102,7 +161,10 @@ fn tiles(summary: &DriveSummary, charts: &DriveCharts) -> String {
     let mut tiles = String::new();
     let d = &summary.discrepancy;
     if d.held_out_before.n > 0 {
-        tiles += &difference_tile("Ties held out, rms", &d.held_out_before, &d.held_out_after);
+        let (before, after) = (&d.held_out_before, &d.held_out_after);
+        let note = format!("rms {} → {} mm, {} differences", mm(before.rms_m), mm(after.rms_m), length(after.n));
+        let (before, after) = (mm(before.sigma_mad_m), mm(after.sigma_mad_m));
+        tiles += &tile("Ties held out, robust sd", Some(before), Some(after), "mm", &note);
     }
     for (class, ties) in &summary.ties_by_class {
         let (before, after) = (&ties.discrepancy.before, &ties.discrepancy.after);
@@ -133,11 +195,9 @@ fn norm(v: &[f64; 3]) -> f64 {
 }
 
 /// Everything worth a remark on the first screen.
-fn checks(summary: &DriveSummary, shared: &Summary) -> Vec<Check> {
+fn checks(summary: &DriveSummary) -> Vec<Check> {
     let mut checks = Vec::new();
-    if summary.discrepancy.after.n > 0 {
-        held_out(shared, &mut checks);
-    }
+    held_out(&summary.discrepancy, &mut checks);
     for (class, ties) in summary.ties_by_class.iter().filter(|(_, t)| got_worse(t)) {
         let d = &ties.discrepancy;
         let text = format!(
@@ -260,5 +320,28 @@ fn sure(summary: &DriveSummary) -> String {
                 duration(o.end_s - o.start_s)
             )
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::drive::example;
+
+    #[test]
+    fn a_few_cars_that_drove_off_are_a_remark_and_a_wider_spread_is_a_warning() {
+        let (mut summary, _) = example::drive();
+        let d = &mut summary.discrepancy;
+        d.after.sigma_mad_m = 0.0011;
+        (d.held_out_after.sigma_mad_m, d.held_out_after.rms_m) = (0.0011, 0.0114);
+        assert!(held_out_sentence(&summary.discrepancy).contains("confirm"));
+        let found = checks(&summary);
+        assert!(found.iter().all(|c| c.grade != Grade::Warning), "{found:?}");
+        assert!(found.iter().any(|c| c.text.contains("moved between two visits")));
+        summary.discrepancy.held_out_after.sigma_mad_m = 0.0022;
+        assert!(held_out_sentence(&summary.discrepancy).contains("fitted to the ties"));
+        assert!(checks(&summary).iter().any(|c| c.grade == Grade::Warning && c.text.contains("2.00 ×")));
+        summary.discrepancy.held_out_after.sigma_mad_m = 1.0;
+        assert!(held_out_sentence(&summary.discrepancy).contains("Do not use"));
     }
 }

@@ -26,7 +26,7 @@ pub(crate) fn render(summary: &DriveSummary, charts: &DriveCharts) -> String {
         record::times(&shared),
     ]
     .into();
-    frame(&format!("{} – drive report", summary.name), &headline::html(summary, &shared, charts), &sections)
+    frame(&format!("{} – drive report", summary.name), &headline::html(summary, charts), &sections)
 }
 
 /// Strips and how far the trajectory moved in them.

@@ -64,8 +64,7 @@ fn tiles(summary: &Summary) -> String {
     if tiles.is_empty() { tiles } else { format!("<div class=\"tiles\">\n{tiles}</div>\n") }
 }
 
-/// A difference before and after.
-pub(crate) fn difference_tile(label: &str, before: &Discrepancy, after: &Discrepancy) -> String {
+fn difference_tile(label: &str, before: &Discrepancy, after: &Discrepancy) -> String {
     let n = length(before.n.max(after.n));
     if after.n == 0 {
         let note = format!("median {} mm, {n} differences", mm(before.median_m));

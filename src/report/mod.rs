@@ -17,6 +17,7 @@ pub mod page;
 mod plot;
 mod section;
 mod text;
+pub mod stations;
 mod write;
 
 pub use grid::{Grid, Raster};

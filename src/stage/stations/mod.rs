@@ -6,6 +6,7 @@
 pub mod hold_out;
 pub mod motion;
 pub mod mounts;
+pub mod normals;
 pub mod pairs;
 pub mod read;
 pub mod sight;

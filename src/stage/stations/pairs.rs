@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use tieline_filter::Pose;
 use tieline_graph::{Calibration, Line, LineEnd, Model, PointMap, PoseCorrection};
-use tieline_matching::{Gate, Patch, Rejection, measure, pair_heads};
+use tieline_matching::{Gate, Measurement, Patch, Rejection, measure, pair_heads};
 
+use super::normals::{Raw, smoothed, variance};
 use super::{Mounts, StationOptions};
 
 /// How a surface stands.
@@ -88,6 +89,13 @@ pub struct Ground<'a> {
     pub held: &'a [Vec<Vec<bool>>],
     /// Settings.
     pub options: &'a StationOptions,
+}
+
+impl Ground<'_> {
+    /// The patches of a common plane by the rough mounting.
+    fn rough(&self, plane: &CommonPlane) -> [&Patch; 2] {
+        std::array::from_fn(|k| &self.patches[plane.station][plane.heads[k]][plane.patches[k]])
+    }
 }
 
 /// A direction of three sigmas may open the gates this far from the scanner \[m\].
@@ -206,6 +214,13 @@ fn pose(time_s: f64) -> Pose {
     }
 }
 
+/// A common plane at the present state: its patches, how they got there, and the measurement where footprints meet.
+struct Seen {
+    now: [Patch; 2],
+    maps: [PointMap; 2],
+    measurement: Option<Measurement>,
+}
+
 /// Measures the common planes at the present state: a line of two ends each, without ends where the footprints have
 /// nothing in common any more; and the common points. `floor_m` is the sigma of what all points of a patch share.
 #[must_use]
@@ -215,37 +230,60 @@ pub fn measured(
     model: &Model,
     floor_m: f64,
 ) -> Vec<(Line, Option<Vector3<f64>>)> {
-    planes.iter().map(|plane| line(ground, plane, model, floor_m)).collect()
+    let seen: Vec<Seen> = planes.iter().map(|plane| see(ground, plane, model, floor_m)).collect();
+    let raw: Vec<Raw> = planes.iter().zip(&seen).filter_map(|(plane, s)| raw(plane, s, floor_m)).collect();
+    let mut normals = smoothed(&raw).into_iter();
+    planes
+        .iter()
+        .zip(&seen)
+        .map(|(plane, s)| {
+            let normal = s.measurement.as_ref().and_then(|_| normals.next());
+            (line(ground, plane, s, normal), s.measurement.as_ref().map(|m| m.point_m))
+        })
+        .collect()
 }
 
-fn line(ground: &Ground<'_>, plane: &CommonPlane, model: &Model, floor_m: f64) -> (Line, Option<Vector3<f64>>) {
-    let mounts = ground.mounts;
-    let rough: [&Patch; 2] =
-        std::array::from_fn(|k| &ground.patches[plane.station][plane.heads[k]][plane.patches[k]]);
-    let maps: [PointMap; 2] = std::array::from_fn(|k| present(rough[k], plane.station, plane.heads[k], mounts, model));
+fn see(ground: &Ground<'_>, plane: &CommonPlane, model: &Model, floor_m: f64) -> Seen {
+    let rough = ground.rough(plane);
+    let maps: [PointMap; 2] =
+        std::array::from_fn(|k| present(rough[k], plane.station, plane.heads[k], ground.mounts, model));
     let now: [Patch; 2] = std::array::from_fn(|k| moved(rough[k], &maps[k]));
+    let measurement = measure(&[&now[0], &now[1]], floor_m);
+    Seen { now, maps, measurement }
+}
+
+fn raw(plane: &CommonPlane, seen: &Seen, floor_m: f64) -> Option<Raw> {
+    let m = seen.measurement.as_ref()?;
+    let information: f64 = seen.now.iter().map(|p| 1.0 / variance(p, floor_m)).sum();
+    Some(Raw { station: plane.station, point_m: m.point_m, normal: m.normal, variance: 1.0 / information })
+}
+
+fn line(ground: &Ground<'_>, plane: &CommonPlane, seen: &Seen, smooth: Option<Vector3<f64>>) -> Line {
     let mut line = Line {
-        normal: now[0].normal,
+        normal: smooth.unwrap_or(seen.now[0].normal),
         class: Slope::ALL.iter().position(|s| *s == plane.slope).unwrap_or(0),
         held_out: plane.fate != Fate::Used,
         ends: Vec::new(),
     };
-    let Some(measurement) = measure(&[&now[0], &now[1]], floor_m) else { return (line, None) };
-    line.normal = measurement.normal;
-    for (k, (offset_m, sigma_m)) in measurement.offsets.iter().enumerate() {
-        let on_plane = measurement.point_m + measurement.normal * *offset_m;
+    let Some(measurement) = &seen.measurement else { return line };
+    let rough = ground.rough(plane);
+    for (k, (_, sigma_m)) in measurement.offsets.iter().enumerate() {
+        let patch = &seen.now[k];
+        let offset_m =
+            -patch.normal.dot(&(measurement.point_m - patch.centroid_m)) / patch.normal.dot(&line.normal);
+        let on_plane = measurement.point_m + line.normal * offset_m;
         line.ends.push(LineEnd {
             strip: Some(plane.station),
             calibration: plane.heads[k],
             time_s: rough[k].time_s,
             pose: pose(rough[k].time_s),
-            lever_arm_m: mounts.heads[plane.heads[k]].lever_arm_m,
-            point_m: maps[k].undo(&on_plane),
-            offset_m: *offset_m,
+            lever_arm_m: ground.mounts.heads[plane.heads[k]].lever_arm_m,
+            point_m: seen.maps[k].undo(&on_plane),
+            offset_m,
             sigma_m: *sigma_m,
         });
     }
-    (line, Some(measurement.point_m))
+    line
 }
 
 /// Distance of the two planes of a line at its common place, by the rough mounting \[m\].

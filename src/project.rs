@@ -277,7 +277,11 @@ fn check(project: &Project) -> Result<(), ProjectError> {
         }
     }
     if !project.stations.is_empty() && (project.imu.is_some() || !project.strips.is_empty()) {
-        return wrong("stations", String::from("given"), "stations have no trajectory: give [[strips]] and [imu] a project of their own");
+        return wrong(
+            "stations",
+            String::from("given"),
+            "stations have no trajectory: give [[strips]] and [imu] a project of their own",
+        );
     }
     if project.extrinsics.is_some() && project.stations.is_empty() {
         return wrong("extrinsics", String::from("given"), "it needs [[stations]] beside it; strips have [platform]");

@@ -93,7 +93,7 @@ pub enum ExtrinsicsError {
         line: u64,
         /// The scanner.
         scanner: u16,
-        /// Largest element of RᵀR - I.
+        /// Largest element of `RᵀR - I`.
         error: f64,
         /// Determinant.
         determinant: f64,
@@ -126,7 +126,7 @@ const RADIANS: [&str; 3] = ["roll_rad", "pitch_rad", "yaw_rad"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const POSITION: [[&str; 3]; 3] =
     [["tx", "ty", "tz"], ["x_m", "y_m", "z_m"], ["lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"]];
-/// Largest element of RᵀR - I of a matrix with rounded digits.
+/// Largest element of `RᵀR - I` of a matrix with rounded digits.
 const ROUNDED: f64 = 0.02;
 /// Scanners of one platform stand no further apart than this \[m\].
 const FURTHEST_M: f64 = 50.0;
@@ -271,7 +271,9 @@ impl Header {
                 let angles = [number(names[0])?, number(names[1])?, number(names[2])?];
                 if let Some((value, name)) = angles.iter().zip(names).find(|(v, _)| !degrees && v.abs() > MOST_RADIANS)
                 {
-                    let message = format!("line {line}: {name} = {value} of scanner {scanner} can only be degrees; name the columns roll_deg, pitch_deg, yaw_deg");
+                    let message = format!(
+                        "line {line}: {name} = {value} of scanner {scanner} can only be degrees; name the columns roll_deg, pitch_deg, yaw_deg"
+                    );
                     return Err(ExtrinsicsError::Unit { path: path.to_path_buf(), message });
                 }
                 angles_deg = degrees.then_some(angles);
@@ -301,9 +303,7 @@ fn rotation(matrix: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, (f64, f64)> {
     }
     let svd = matrix.svd(true, true);
     match (svd.u, svd.v_t) {
-        (Some(u), Some(v_t)) => {
-            Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * v_t)))
-        }
+        (Some(u), Some(v_t)) => Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * v_t))),
         _ => Err((error, determinant)),
     }
 }
@@ -353,7 +353,8 @@ mod tests {
     #[test]
     fn angles_and_quaternions_say_the_same() {
         let degrees = read("id roll_deg pitch_deg yaw_deg x_m y_m z_m\n1 0 0 90 0 0 0\n").expect("degrees");
-        let radians = read("id roll_rad pitch_rad yaw_rad x_m y_m z_m\n1 0 0 1.5707963267948966 0 0 0\n").expect("radians");
+        let radians =
+            read("id roll_rad pitch_rad yaw_rad x_m y_m z_m\n1 0 0 1.5707963267948966 0 0 0\n").expect("radians");
         let h = 0.5_f64.sqrt();
         let quaternion = read(&format!("id,qw,qx,qy,qz,tx,ty,tz\n1,{h},0,0,{h},0,0,0\n")).expect("a quaternion");
         for other in [&radians, &quaternion] {

@@ -225,7 +225,8 @@ mod tests {
     #[test]
     fn rings_on_the_ground_become_level_patches_that_look_up_at_the_scanner() {
         let points = ground(10);
-        let patches = planar_patches(&points, &vec![7; points.len()], &vec![5.0; points.len()], HERE, &PlanarOptions::default());
+        let patches =
+            planar_patches(&points, &vec![7; points.len()], &vec![5.0; points.len()], HERE, &PlanarOptions::default());
         assert!(patches.len() > 20, "{}", patches.len());
         for patch in &patches {
             assert!(patch.normal.z > 0.999 && (patch.centroid_m.z + 2.0).abs() < 0.01, "{patch:?}");
@@ -239,7 +240,10 @@ mod tests {
     #[test]
     fn one_ring_is_no_plane() {
         let points = ground(1);
-        assert!(planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &PlanarOptions::default()).is_empty());
+        assert!(
+            planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &PlanarOptions::default())
+                .is_empty()
+        );
     }
 
     #[test]
@@ -248,7 +252,8 @@ mod tests {
         let options = PlanarOptions::default();
         let a = planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &options);
         let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
-        let b = threads.install(|| planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &options));
+        let b = threads
+            .install(|| planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &options));
         assert_eq!(a, b);
     }
 
@@ -256,6 +261,9 @@ mod tests {
     fn points_at_one_place_and_points_that_are_none_are_no_patch() {
         let mut points = vec![Vector3::new(3.0, 0.0, 0.0); 500];
         points.extend(vec![Vector3::repeat(f64::NAN); 5]);
-        assert!(planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &PlanarOptions::default()).is_empty());
+        assert!(
+            planar_patches(&points, &vec![0; points.len()], &vec![0.0; points.len()], HERE, &PlanarOptions::default())
+                .is_empty()
+        );
     }
 }

@@ -147,8 +147,12 @@ fn calibration(project: &Project, mounts: &Mounts, stations: &[Station], solutio
             correlations.join(", ")
         );
     }
-    let words: Vec<String> =
-        solution.sight.words(mounts, &solution.parameters).iter().map(|w| format!("    {:?},\n", one_line(w))).collect();
+    let words: Vec<String> = solution
+        .sight
+        .words(mounts, &solution.parameters)
+        .iter()
+        .map(|w| format!("    {:?},\n", one_line(w)))
+        .collect();
     let _ = write!(text, "\n[sight]\nstations = {}\nwords = [\n{}]\n", stations.len(), words.concat());
     text
 }

@@ -16,8 +16,8 @@ mod number;
 pub mod page;
 mod plot;
 mod section;
-mod text;
 pub mod stations;
+mod text;
 mod write;
 
 pub use grid::{Grid, Raster};

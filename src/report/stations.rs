@@ -56,13 +56,9 @@ pub fn three_lines(summary: &StationsSummary, page: &Path) -> String {
     let worst = summary.calibration.directions.first();
     let weakest = worst.map_or_else(String::new, |d| {
         let name = summary.scanners.iter().find(|s| s.id == d.scanner).map_or("", |s| s.name.as_str());
-        let members: Vec<String> = d.members.iter().map(|(m, c)| format!("{}{m}", if *c < 0.0 { "-" } else { "" })).collect();
-        format!(
-            "; weakest ({}): {name} {}, {} mm at 20 m",
-            d.grade,
-            members.join(" "),
-            fixed(1e3 * d.effect_m, 0)
-        )
+        let members: Vec<String> =
+            d.members.iter().map(|(m, c)| format!("{}{m}", if *c < 0.0 { "-" } else { "" })).collect();
+        format!("; weakest ({}): {name} {}, {} mm at 20 m", d.grade, members.join(" "), fixed(1e3 * d.effect_m, 0))
     });
     format!(
         "Planes common to two scanners differed by {} mm (robust sd), now {} mm ({}); held out {} -> {} mm ({}).\n\

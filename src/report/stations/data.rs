@@ -161,7 +161,7 @@ pub struct StationsSummary {
 
 /// Distances of some planes before and after, used and held out; those that do neither are left out, outliers are not.
 #[must_use]
-pub fn discrepancies<'a>(planes: impl Iterator<Item = &'a SolvedPlane> + Clone) -> Discrepancies {
+pub fn discrepancies<'a>(planes: &(impl Iterator<Item = &'a SolvedPlane> + Clone)) -> Discrepancies {
     let of = |fate: Fate, value: fn(&SolvedPlane) -> f64| {
         let values: Vec<f64> = planes.clone().filter(|p| p.plane.fate == fate).map(value).collect();
         Discrepancy::of(&values)
@@ -190,7 +190,7 @@ fn groups(report: &StationsReport<'_>) -> Vec<GroupSummary> {
             let chosen = planes.iter().filter(|p| {
                 pair.is_none_or(|pair| p.plane.heads == pair) && kind.is_none_or(|kind| p.plane.slope == kind)
             });
-            let discrepancy = discrepancies(chosen);
+            let discrepancy = discrepancies(&chosen);
             if discrepancy.after.n + discrepancy.held_out_after.n > 0 {
                 groups.push(GroupSummary {
                     pair: pair.map_or_else(String::new, |[i, j]| format!("{} - {}", heads[i].name, heads[j].name)),
@@ -208,9 +208,11 @@ fn calibration(report: &StationsReport<'_>) -> StationsCalibration {
     let scanners: Vec<u16> = mounts.calibrated().map(|h| h.scanner).collect();
     let unknowns = solution.parameters.iter().enumerate().map(|(i, p)| {
         let (unit, factor) = if p.is_angle { ("deg", 1f64.to_degrees()) } else { ("m", 1.0) };
-        let by_station = solution.stations.iter().filter(|s| s.seen[i]).map(|s| {
-            (report.read.stations[s.station].name.clone(), [s.value[i] * factor, s.sigma[i] * factor])
-        });
+        let by_station = solution
+            .stations
+            .iter()
+            .filter(|s| s.seen[i])
+            .map(|s| (report.read.stations[s.station].name.clone(), [s.value[i] * factor, s.sigma[i] * factor]));
         UnknownSummary {
             scanner: scanners[i / 6],
             name: p.name.clone(),
@@ -291,7 +293,7 @@ pub fn summarise(report: &StationsReport<'_>) -> StationsSummary {
         ties: BTreeMap::from([(String::from("surface_line"), counts)]),
         mixed: count(Fate::Mixed, None),
         rejected: solution.refused.iter().map(|(reason, n)| (reason.as_str().to_string(), *n as u64)).collect(),
-        discrepancy: discrepancies(solution.planes.iter()),
+        discrepancy: discrepancies(&solution.planes.iter()),
         groups: groups(report),
         calibration: calibration(report),
         timing: report.timing.clone(),

@@ -25,6 +25,9 @@ vehicle: forward, right, down. Seen is the share of a value that the planes tell
 const DIRECTION_LEAD: &str = "The six unknowns of a scanner are not seen one by one but in combinations; members are in units of \
 their sigma beforehand. A combination is weak when one sigma of it shifts a point 20 m away by more than 30 mm.";
 
+/// Fewer distances have no robust sd.
+const LEAST_FOR_SD: usize = 3;
+
 /// The report as one HTML page.
 pub(crate) fn render(summary: &StationsSummary, report: &StationsReport<'_>) -> String {
     let shared = Summary {
@@ -124,8 +127,7 @@ fn values(planes: &[SolvedPlane], fates: &[Fate], of: fn(&SolvedPlane) -> f64) -
 fn fit(summary: &StationsSummary, planes: &[SolvedPlane]) -> String {
     let all = [Fate::Used, Fate::HeldOut];
     let (before, after) = (values(planes, &all, |p| p.before_m), values(planes, &all, |p| p.after_m));
-    let (used, held) =
-        (values(planes, &[Fate::Used], |p| p.after_m), values(planes, &[Fate::HeldOut], |p| p.after_m));
+    let (used, held) = (values(planes, &[Fate::Used], |p| p.after_m), values(planes, &[Fate::HeldOut], |p| p.after_m));
     let series = |name, class, values_m, filled| Series { name, class, values_m, filled };
     let charts = [
         (
@@ -150,19 +152,30 @@ fn fit(summary: &StationsSummary, planes: &[SolvedPlane]) -> String {
         let _ = write!(body, "<figure><figcaption>{caption}</figcaption>\n{chart}</figure>\n");
     }
     body.push_str("</div>\n");
-    let stage = [("n", "", Align::Number), ("before", "mm", Align::Number), ("after", "mm", Align::Number), ("median after", "mm", Align::Number)];
+    let stage = [
+        ("n", "", Align::Number),
+        ("before", "mm", Align::Number),
+        ("after", "mm", Align::Number),
+        ("median after", "mm", Align::Number),
+    ];
     let mut columns = vec![("Scanners", "", Align::Text), ("Planes", "", Align::Text)];
     columns.extend(stage);
     columns.extend(stage);
-    let mut table = Table::new("Distances of common planes, robust sd", &columns).groups(&[("", 2), ("Used", 4), ("Held out", 4)]);
+    let mut table =
+        Table::new("Distances of common planes, robust sd", &columns).groups(&[("", 2), ("Used", 4), ("Held out", 4)]);
     let name = |text: &str| if text.is_empty() { String::from("all") } else { text.to_string() };
     let rows = std::iter::once((String::from("all"), String::from("all"), &summary.discrepancy))
         .chain(summary.groups.iter().map(|g| (name(&g.pair), name(&g.kind), &g.discrepancy)));
     for (pair, kind, d) in rows {
         let mut cells = vec![pair, kind];
         for (before, after) in [(&d.before, &d.after), (&d.held_out_before, &d.held_out_after)] {
-            let known = |v: f64| if after.n == 0 { f64::NAN } else { v };
-            cells.extend([length(after.n), mm(known(before.sigma_mad_m)), mm(known(after.sigma_mad_m)), signed_mm(known(after.median_m))]);
+            let known = |v: f64| if after.n < LEAST_FOR_SD { f64::NAN } else { v };
+            cells.extend([
+                length(after.n),
+                mm(known(before.sigma_mad_m)),
+                mm(known(after.sigma_mad_m)),
+                signed_mm(known(after.median_m)),
+            ]);
         }
         table.row(&cells);
     }
@@ -170,9 +183,9 @@ fn fit(summary: &StationsSummary, planes: &[SolvedPlane]) -> String {
     let _ = writeln!(
         body,
         "<p class=\"note\">{} planes lie on the border of a held-out square: they took no part and are in no number here. The outlier test took \
-         {} planes out of the adjustment; they are in these numbers.</p>",
+         {} out of the adjustment; what it took out is in these numbers.</p>",
         count(summary.mixed),
-        length(summary.calibration.outliers)
+        counted(summary.calibration.outliers, "plane", "planes")
     );
     body += &rejections(&summary.rejected);
     section("ties", "How well the planes agree", LEAD, &body)
@@ -180,12 +193,12 @@ fn fit(summary: &StationsSummary, planes: &[SolvedPlane]) -> String {
 
 /// Distances over the distance from the vehicle, before and after.
 fn ranges(planes: &[SolvedPlane]) -> String {
-    let far_m = planes.iter().map(|p| p.point_m.norm()).fold(1.0, f64::max);
     let mut body = String::from("<div class=\"figures\">\n");
     for slope in [Slope::Level, Slope::Steep] {
+        let far_m = planes.iter().filter(|p| p.plane.slope == slope).map(|p| p.point_m.norm()).fold(1.0, f64::max);
         let dots = |fate: Fate, class, of: fn(&SolvedPlane) -> f64| Curve {
             class,
-            mark: Mark::Dots,
+            mark: Mark::Scatter,
             points: planes
                 .iter()
                 .filter(|p| p.plane.slope == slope && p.plane.fate == fate)
@@ -202,7 +215,7 @@ fn ranges(planes: &[SolvedPlane]) -> String {
         let chart = Chart {
             label: format!("Distances of common planes over range: {}", slope.as_str()),
             axis: String::from("distance from the vehicle [m]"),
-            limits: (0.0, far_m),
+            limits: (0.0, 1.05 * far_m),
             shaded: Vec::new(),
             panels: vec![
                 panel("before [mm]", |p| p.before_m, (0.0, 0.0)),
@@ -227,7 +240,8 @@ fn unknowns(summary: &StationsSummary) -> String {
         ("Seen", "", Align::Text),
         ("by ground", "", Align::Text),
     ];
-    columns.extend(stations.iter().map(|s| (*s, "alone", Align::Number)));
+    let numbers: Vec<String> = (1..=stations.len()).map(|k| format!("Station {k}")).collect();
+    columns.extend(numbers.iter().map(|n| (n.as_str(), "alone", Align::Number)));
     let mut table = Table::new("Corrections of the mounting", &columns);
     for u in &summary.calibration.unknowns {
         let name = summary.scanners.iter().find(|s| s.id == u.scanner).map_or("", |s| s.name.as_str());
@@ -281,6 +295,7 @@ fn stations(summary: &StationsSummary) -> String {
     let mut table = Table::new(
         "Stations",
         &[
+            ("", "", Align::Number),
             ("Station", "", Align::Text),
             ("Points", "by scanner", Align::Text),
             ("Patches", "by scanner", Align::Text),
@@ -289,8 +304,15 @@ fn stations(summary: &StationsSummary) -> String {
         ],
     );
     let each = |values: &[u64]| values.iter().map(|v| count(*v)).collect::<Vec<_>>().join(" / ");
-    for s in &summary.stations {
-        table.row(&[s.name.clone(), each(&s.points), each(&s.patches), count(s.used), count(s.held_out)]);
+    for (k, s) in summary.stations.iter().enumerate() {
+        table.row(&[
+            (k + 1).to_string(),
+            s.name.clone(),
+            each(&s.points),
+            each(&s.patches),
+            count(s.used),
+            count(s.held_out),
+        ]);
     }
     section("stations", "Stations", "", &table.html())
 }

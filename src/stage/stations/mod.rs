@@ -3,6 +3,7 @@
 //!
 //! [`read`] → patches of every scanner and station → [`hold_out`] → [`pairs`] ↔ [`solve`] → [`sight`]: what is not seen.
 
+pub mod check;
 pub mod hold_out;
 pub mod motion;
 pub mod mounts;

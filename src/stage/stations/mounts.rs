@@ -57,10 +57,13 @@ impl Mounts {
             }
             heads = rows.iter().map(|r| head(r, &section, platform)).collect();
             if rows.iter().any(|r| r.angles_deg.is_some()) {
-                if_radians = Some(rows.iter().map(|r| head(&radians(r), &section, platform).body_from_scanner).collect());
+                if_radians =
+                    Some(rows.iter().map(|r| head(&radians(r), &section, platform).body_from_scanner).collect());
             }
         } else if platform.is_empty() {
-            bail!("stations need the rough mounting of their scanners: give [extrinsics] path, or [[platform.scanner]]");
+            bail!(
+                "stations need the rough mounting of their scanners: give [extrinsics] path, or [[platform.scanner]]"
+            );
         } else {
             heads = platform.iter().map(of_platform).collect();
         }

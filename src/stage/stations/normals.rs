@@ -90,7 +90,7 @@ mod tests {
     #[test]
     fn noise_is_smoothed_away_and_what_is_real_stays() {
         // a checkerboard of tilts of 0.02: noise when sigma says so, real when sigma is small
-        let tilt = |k: usize| Vector3::new(if (k + k / 6) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 1.0);
+        let tilt = |k: usize| Vector3::new(if (k + k / 6).is_multiple_of(2) { 0.02 } else { -0.02 }, 0.0, 1.0);
         let slopes = |sigma| smoothed(&field(sigma, tilt)).iter().map(|n| n.x.abs()).fold(0.0, f64::max);
         assert!(slopes(0.02) < 0.004, "{}", slopes(0.02));
         assert!(slopes(0.001) > 0.019, "{}", slopes(0.001));

@@ -175,8 +175,7 @@ pub fn find(
                     .sqrt();
                 let reach_m = (options.search_m + GATE_SIGMAS * (position_m + REACH_M * angle_rad)).min(WIDEST_M);
                 let found = pair_heads(&now[i], &now[j], reach_m, |a, b| Gate {
-                    distance_m: options.search_m
-                        + GATE_SIGMAS * variance_m2(mounts, covariance, [i, j], [a, b]).sqrt(),
+                    distance_m: options.search_m + GATE_SIGMAS * variance_m2(mounts, covariance, [i, j], [a, b]).sqrt(),
                     angle_rad: options.normal_angle_rad + GATE_SIGMAS * angle_rad,
                 });
                 for (reason, n) in found.refused {
@@ -269,8 +268,7 @@ fn line(ground: &Ground<'_>, plane: &CommonPlane, seen: &Seen, smooth: Option<Ve
     let rough = ground.rough(plane);
     for (k, (_, sigma_m)) in measurement.offsets.iter().enumerate() {
         let patch = &seen.now[k];
-        let offset_m =
-            -patch.normal.dot(&(measurement.point_m - patch.centroid_m)) / patch.normal.dot(&line.normal);
+        let offset_m = -patch.normal.dot(&(measurement.point_m - patch.centroid_m)) / patch.normal.dot(&line.normal);
         let on_plane = measurement.point_m + line.normal * offset_m;
         line.ends.push(LineEnd {
             strip: Some(plane.station),
@@ -301,5 +299,100 @@ pub fn after_m(line: &Line) -> Option<f64> {
     match line.ends.as_slice() {
         [a, b] => Some(a.offset_m - b.offset_m),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_row_of_a_gate_equals_the_central_difference() {
+        let arm_m = Vector3::new(0.1, -0.6, 0.4);
+        let point_m = Vector3::new(12.0, -7.0, 1.5);
+        let normal = Vector3::new(0.3, 0.9, -0.2).normalize();
+        let moved = |k: usize, step: f64| {
+            let mut correction = Calibration::default();
+            match k {
+                0..3 => correction.boresight_rad[k] = step,
+                _ => correction.lever_arm_m[k - 3] = step,
+            }
+            let map = map_of(&arm_m, &PoseCorrection::default(), &correction);
+            normal.dot(&(point_m + map.delta_m(&point_m)))
+        };
+        let analytic = row(&point_m, &arm_m, &normal);
+        for k in 0..6 {
+            let numeric = (moved(k, 1e-6) - moved(k, -1e-6)) / 2e-6;
+            assert!((numeric - analytic[k]).abs() < 1e-6, "{k}: {numeric} {}", analytic[k]);
+        }
+    }
+
+    #[test]
+    fn a_line_measured_after_a_small_correction_changes_by_its_row() {
+        use tieline_graph::{CalibrationSigmas, CalibrationTerms};
+        use tieline_matching::Sighting;
+
+        let patch = |scanner, normal: Vector3<f64>, centre: [f64; 3]| Patch {
+            sighting: Sighting { strip: 0, pass: 0, scanner },
+            time_s: 5.0,
+            centroid_m: centre.into(),
+            normal: normal.normalize(),
+            long_axis: normal.normalize().cross(&Vector3::z()).normalize(),
+            spread_m: [0.8, 0.5],
+            roughness_m: 0.01,
+            points: 60,
+            intensity: 0.0,
+        };
+        let wall = Vector3::new(-1.0, 0.2, 0.05);
+        let patches = vec![vec![vec![patch(0, wall, [20.0, 3.0, 0.5])], vec![patch(1, wall, [20.05, 3.1, 0.4])]]];
+        let head = |scanner: u16| super::super::Head {
+            scanner,
+            name: scanner.to_string(),
+            body_from_scanner: UnitQuaternion::identity(),
+            lever_arm_m: Vector3::new(0.0, -0.6 * f64::from(scanner), 0.3),
+        };
+        let mounts = Mounts {
+            heads: vec![head(0), head(1)],
+            reference: 0,
+            boresight_sigma_rad: 0.03,
+            lever_arm_sigma_m: 0.3,
+            if_radians: None,
+        };
+        let options = StationOptions::default();
+        let held = vec![vec![vec![false], vec![false]]];
+        let ground = Ground { mounts: &mounts, patches: &patches, held: &held, options: &options };
+        let both = CalibrationTerms { boresight: true, lever_arm: true, range_offset: false, range_scale: false };
+        let sigmas = CalibrationSigmas { boresight_rad: 0.03, lever_arm_m: 0.3, range_offset_m: 1.0, range_scale: 1.0 };
+        let stations = vec![super::super::Station::default()];
+        let mut model = Model::with_terms(
+            &super::super::motion::specs(&stations),
+            &[None],
+            &[CalibrationTerms::NONE, both],
+            &sigmas,
+        );
+        let plane = CommonPlane { station: 0, heads: [0, 1], patches: [0, 0], slope: Slope::Steep, fate: Fate::Used };
+        let distance = |model: &Model| after_m(&measured(&ground, &[plane], model, 0.01)[0].0).expect("measured");
+        let (line, _) = measured(&ground, &[plane], &model, 0.01).remove(0);
+        let mut analytic = nalgebra::DVector::<f64>::zeros(model.count());
+        for (end, sign) in line.ends.iter().zip([1.0, -1.0]) {
+            for (i, value) in model.row(end, &line.normal) {
+                analytic[i] += sign * value;
+            }
+        }
+        for i in 0..model.count() {
+            let mut step = |size: f64| {
+                let mut state = nalgebra::DVector::zeros(6);
+                state[i] = size;
+                model.set_state(state);
+                distance(&model)
+            };
+            let numeric: f64 = (step(1e-5) - step(-1e-5)) / 2e-5;
+            // the common place wanders with the patch: of second order in the distance of the planes
+            assert!(
+                (numeric - analytic[i]).abs() < 0.02 * analytic[i].abs().max(1.0),
+                "{i}: {numeric} {}",
+                analytic[i]
+            );
+        }
     }
 }

@@ -89,7 +89,8 @@ impl Sight {
         for (block, name) in names.iter().enumerate() {
             let hang: Vec<&str> = (6 * block..6 * block + 6)
                 .filter(|i| {
-                    self.share_of_ground.get(*i).is_some_and(|s| *s < 0.5) && self.share.get(*i).is_some_and(|s| *s >= 0.5)
+                    self.share_of_ground.get(*i).is_some_and(|s| *s < 0.5)
+                        && self.share.get(*i).is_some_and(|s| *s >= 0.5)
                 })
                 .filter_map(|i| parameters.get(i).map(|p| p.name.as_str()))
                 .collect();
@@ -150,7 +151,8 @@ pub fn sight(
             directions.push(Direction { block, members, sigma_over_prior, effect_m, grade });
         }
     }
-    directions.sort_by(|a, b| (a.grade, b.effect_m).partial_cmp(&(b.grade, a.effect_m)).unwrap_or(std::cmp::Ordering::Equal));
+    directions
+        .sort_by(|a, b| (a.grade, b.effect_m).partial_cmp(&(b.grade, a.effect_m)).unwrap_or(std::cmp::Ordering::Equal));
     Sight {
         directions,
         share: shares(covariance, parameters),

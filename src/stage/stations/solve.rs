@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use anyhow::{Result, bail};
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
-use tieline_filter::innovation::chi_squared_limit;
 use tieline_graph::{
-    AdjustOptions, Adjustment, Calibration, CalibrationSigmas, CalibrationTerms, Line, Model, Parameter, ParameterBlock,
+    AdjustOptions, Adjustment, Calibration, CalibrationSigmas, CalibrationTerms, Line, Model, Parameter,
     PoseCorrection, adjust,
 };
 use tieline_matching::{Patch, Rejection, Sighting, planar_patches};
 
+use super::check::{Mounting, StationValue, agreement, mounting_rows, station_values, without_walls};
 use super::hold_out::held_out;
 use super::motion::{Motion, motions, need, specs, time_models};
 use super::pairs::{CommonPlane, Fate, Ground, Patches, after_m, before_m, find, map_of, measured, moved};
@@ -30,10 +30,6 @@ const LEAST_FLOOR_M: f64 = 0.0005;
 const MOST_FLOOR_M: f64 = 0.5;
 /// A scanner with fewer common planes is weakly tied.
 const FEW_PLANES: usize = 20;
-/// Probability that stations are said to disagree though they do not.
-const FALSE_ALARM: f64 = 0.01;
-/// A station's own value counts where its planes tell more than this share of it.
-const SEEN_BY_STATION: f64 = 0.9;
 
 /// A common plane with what became of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,19 +48,6 @@ pub struct SolvedPlane {
     pub sigma_m: [f64; 2],
     /// Whether the outlier test took it out.
     pub outlier: bool,
-}
-
-/// What one station says by itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StationValue {
-    /// Index of the station.
-    pub station: usize,
-    /// Values of the unknowns.
-    pub value: Vec<f64>,
-    /// Their sigmas.
-    pub sigma: Vec<f64>,
-    /// Which of them it sees by itself.
-    pub seen: Vec<bool>,
 }
 
 /// The calibrated mounting and how it was found.
@@ -107,10 +90,10 @@ pub struct StationsSolution {
 }
 
 /// State of the rounds.
-struct Round {
-    planes: Vec<CommonPlane>,
-    lines: Vec<(Line, Option<Vector3<f64>>)>,
-    adjustment: Adjustment,
+pub(super) struct Round {
+    pub(super) planes: Vec<CommonPlane>,
+    pub(super) lines: Vec<(Line, Option<Vector3<f64>>)>,
+    pub(super) adjustment: Adjustment,
     refused: BTreeMap<Rejection, usize>,
     floor_m: f64,
     rounds: usize,
@@ -206,29 +189,6 @@ fn model_of(mounts: &Mounts, stations: &[Station]) -> Model {
     Model::with_terms(&specs(stations), &time_models(stations), &terms, &sigmas)
 }
 
-/// The mounting's part of the unknowns.
-struct Mounting {
-    parameters: Vec<Parameter>,
-    values: Vec<f64>,
-    covariance: DMatrix<f64>,
-}
-
-impl Mounting {
-    fn of(model: &Model, covariance: &DMatrix<f64>) -> Self {
-        let rows = mounting_rows(model);
-        Self {
-            parameters: rows.iter().map(|i| model.parameters()[*i].clone()).collect(),
-            values: rows.iter().map(|i| model.state()[*i]).collect(),
-            covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| covariance[(rows[i], rows[j])]),
-        }
-    }
-}
-
-fn mounting_rows(model: &Model) -> Vec<usize> {
-    let of_scanner = |i: &usize| matches!(model.parameters()[*i].block, ParameterBlock::Calibration(_));
-    (0..model.count()).filter(of_scanner).collect()
-}
-
 fn prior(model: &Model) -> DMatrix<f64> {
     let rows = mounting_rows(model);
     let variances = rows.iter().map(|i| model.parameters()[*i].prior_sigma.powi(2));
@@ -275,9 +235,8 @@ fn settle(ground: &Ground<'_>, model: &mut Model) -> Result<Round> {
         let adjustment = adjust(model, &only, &[], &AdjustOptions::default())?;
         covariance = Mounting::of(model, &adjustment.covariance).covariance;
         let new_floor_m = floor_of(ground, &planes, model, floor_m);
-        let stands = adjustment.last_step < STANDS
-            && (new_floor_m - floor_m).abs() <= 0.01 * floor_m
-            && planes == last_planes;
+        let stands =
+            adjustment.last_step < STANDS && (new_floor_m - floor_m).abs() <= 0.01 * floor_m && planes == last_planes;
         last_planes.clone_from(&planes);
         last = Some(Round { planes, lines, adjustment, refused, floor_m, rounds, stands });
         floor_m = new_floor_m;
@@ -308,8 +267,7 @@ fn floor_of(ground: &Ground<'_>, planes: &[CommonPlane], model: &Model, floor_m:
     #[allow(clippy::cast_precision_loss)]
     let freedom = (in_use.len().saturating_sub(model.count()).max(1) as f64 / in_use.len() as f64).sqrt();
     let scale = |floor_m: f64| {
-        let mut t: Vec<f64> =
-            in_use.iter().map(|(v, own)| v.abs() / (own + 2.0 * floor_m.powi(2)).sqrt()).collect();
+        let mut t: Vec<f64> = in_use.iter().map(|(v, own)| v.abs() / (own + 2.0 * floor_m.powi(2)).sqrt()).collect();
         let middle = t.len() / 2;
         1.4826 * *t.select_nth_unstable_by(middle, f64::total_cmp).1 / freedom
     };
@@ -349,65 +307,6 @@ fn check_connected(mounts: &Mounts, planes: &[CommonPlane]) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// The same adjustment with some of the lines only; `None` where they are too few.
-fn adjusted_with(round: &Round, model: &Model, keep: impl Fn(&CommonPlane) -> bool) -> Option<(Model, Adjustment)> {
-    let lines: Vec<Line> =
-        round.planes.iter().zip(&round.lines).filter(|(p, _)| keep(p)).map(|(_, (line, _))| line.clone()).collect();
-    let mut own = model.clone();
-    let scale = &round.adjustment.class_scale;
-    adjust(&mut own, &lines, scale, &AdjustOptions::default()).ok().map(|adjustment| (own, adjustment))
-}
-
-/// What each station says by itself.
-fn station_values(round: &Round, model: &Model, stations: usize) -> Vec<StationValue> {
-    (0..stations)
-        .filter_map(|station| {
-            let (own, adjustment) = adjusted_with(round, model, |p| p.station == station)?;
-            let rows = mounting_rows(&own);
-            let own = Mounting::of(&own, &adjustment.covariance);
-            Some(StationValue {
-                station,
-                sigma: (0..rows.len()).map(|i| own.covariance[(i, i)].max(0.0).sqrt()).collect(),
-                seen: rows.iter().map(|i| adjustment.observability.share[*i] > SEEN_BY_STATION).collect(),
-                value: own.values,
-            })
-        })
-        .collect()
-}
-
-/// How far stations lie from the common solution, in sigmas of that difference (`C_s - C`), and the factor on the
-/// sigmas that follows when it is more than chance.
-#[allow(clippy::cast_precision_loss)]
-fn agreement(stations: &[StationValue], common: &Mounting) -> (f64, f64) {
-    let (mut sum, mut n) = (0.0, 0_usize);
-    if stations.len() < 2 {
-        return (f64::NAN, 1.0);
-    }
-    for station in stations {
-        for i in (0..common.values.len()).filter(|i| station.seen[*i]) {
-            let variance = station.sigma[i].powi(2) - common.covariance[(i, i)];
-            if variance > 0.1 * station.sigma[i].powi(2) {
-                sum += (station.value[i] - common.values[i]).powi(2) / variance;
-                n += 1;
-            }
-        }
-    }
-    if n == 0 {
-        return (f64::NAN, 1.0);
-    }
-    let misfit = (sum / n as f64).sqrt();
-    // deviations from a common value leave one station less than there are
-    let freedom = (n * (stations.len() - 1) / stations.len()).max(1);
-    let limit = chi_squared_limit(freedom, FALSE_ALARM) / freedom as f64;
-    (misfit, if misfit.powi(2) > limit { misfit } else { 1.0 })
-}
-
-/// Covariance from ground alone.
-fn without_walls(round: &Round, model: &Model) -> Option<DMatrix<f64>> {
-    adjusted_with(round, model, |p| p.slope == super::pairs::Slope::Level)
-        .map(|(own, adjustment)| Mounting::of(&own, &adjustment.covariance).covariance)
 }
 
 fn solved(round: &Round) -> Vec<SolvedPlane> {
@@ -459,7 +358,8 @@ fn notes(solution: &StationsSolution, mounts: &Mounts, stands: bool) -> Vec<Stri
                 .iter()
                 .map(|m| {
                     format!(
-                        "{:+.2} ± {:.2} m/s forward, {:+.1} ± {:.1} °/s to the right",
+                        "station {} {:+.2} ± {:.2} m/s forward, {:+.1} ± {:.1} °/s to the right",
+                        m.station + 1,
                         m.forward_mps.0,
                         m.forward_mps.1,
                         m.yaw_rate_radps.0.to_degrees(),

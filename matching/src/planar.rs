@@ -208,14 +208,14 @@ mod tests {
     const HERE: Sighting = Sighting { strip: 1, pass: 0, scanner: 2 };
 
     /// Rings of a scanner 2 m above level ground, every 2° down, points every 0.5°; a step of 1 cm to and fro.
-    fn ground(rings: usize) -> Vec<Vector3<f64>> {
+    fn ground(rings: i32) -> Vec<Vector3<f64>> {
         let mut points = Vec::new();
         for ring in 0..rings {
-            let down = (12.0 + 2.0 * ring as f64).to_radians();
+            let down = (12.0 + 2.0 * f64::from(ring)).to_radians();
             for k in 0..720 {
                 let (sin, cos) = (0.5 * f64::from(k)).to_radians().sin_cos();
                 let distance = 2.0 / down.tan();
-                let step = if (k + ring as i32) % 2 == 0 { 0.01 } else { -0.01 };
+                let step = if (k + ring) % 2 == 0 { 0.01 } else { -0.01 };
                 points.push(Vector3::new(distance * cos, distance * sin, -2.0 + step));
             }
         }

@@ -50,6 +50,7 @@ pub mod update;
 
 pub use aiding::{FixQuality, GnssFix, GnssVelocity, KnownPoint, OdometerSample};
 pub use correction::{Correction, CorrectionRow};
+pub use doubt::TieFit;
 pub use events::Inputs;
 pub use frames::{map_from_ned, ned_from_body};
 pub use grade::{ImuGrade, ImuNoise};

@@ -8,6 +8,7 @@
 //! | [`crs`] | coordinate reference systems: geographic, projected, local |
 //! | [`ties`] | `ties.parquet` and `ties.csv` |
 //! | [`correction`] | `correction.csv` |
+//! | [`pose_graph`] | pose graphs: g2o, TORO |
 //! | [`output`] | files that appear whole or not at all |
 
 pub mod correction;
@@ -16,5 +17,6 @@ mod delimited;
 pub mod las;
 pub mod measurements;
 pub mod output;
+pub mod pose_graph;
 pub mod ties;
 pub mod trajectory;

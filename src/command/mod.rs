@@ -3,6 +3,7 @@
 pub mod convert;
 pub mod difference;
 pub mod drive;
+pub mod graph;
 pub mod info;
 pub mod navigate;
 pub mod project;

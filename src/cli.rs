@@ -270,7 +270,7 @@ pub struct GraphSolveArgs {
     #[arg(long)]
     pub sigmas: bool,
     /// Most nodes of a block that is not cut further
-    #[arg(long, value_name = "N", default_value_t = 12)]
+    #[arg(long, value_name = "N", default_value_t = 8)]
     pub leaf: usize,
     /// Memory for the factorisation, in MiB; what is larger goes to disk (helmert)
     #[arg(long, value_name = "MIB")]
@@ -305,7 +305,7 @@ pub struct GraphGenerateArgs {
     #[arg(long)]
     pub sigmas: bool,
     /// Most nodes of a block that is not cut further
-    #[arg(long, value_name = "N", default_value_t = 12)]
+    #[arg(long, value_name = "N", default_value_t = 8)]
     pub leaf: usize,
     /// Memory for the factorisation, in MiB; what is larger goes to disk (helmert)
     #[arg(long, value_name = "MIB")]

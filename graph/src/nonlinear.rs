@@ -66,6 +66,8 @@ pub struct Solved {
     pub order_s: f64,
     /// Seconds for factorisations.
     pub factor_s: f64,
+    /// Seconds for forming normal equations.
+    pub assemble_s: f64,
     /// Seconds for substitutions.
     pub substitute_s: f64,
     /// Seconds in all.
@@ -106,7 +108,9 @@ pub fn solve_system(
     let mut normal = Normal::default();
     let mut step = Vec::new();
     while solved.iterations < options.iterations {
+        let formed = Instant::now();
         system.pattern.assemble(problem, &values, &options.kernel, &mut normal);
+        solved.assemble_s += formed.elapsed().as_secs_f64();
         let accepted = loop {
             step.clone_from(&normal.right);
             let damped = damped(system, &mut normal, damping);

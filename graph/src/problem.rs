@@ -98,7 +98,8 @@ pub struct Problem {
     fixed: Vec<bool>,
     global: Vec<bool>,
     host: Vec<u32>,
-    places: HashMap<u32, [f64; 3]>,
+    /// Given places, NaN where none is; empty when no variable has one.
+    places: Vec<[f64; 3]>,
     names: HashMap<u32, String>,
     groups: Vec<Box<dyn Group>>,
     group_of: HashMap<TypeId, usize>,
@@ -148,12 +149,15 @@ impl Problem {
     }
     /// Gives a variable without coordinates a place, for the partition.
     pub fn set_place(&mut self, id: VariableId, place_m: [f64; 3]) {
-        self.places.insert(id.0, place_m);
+        if self.places.len() < self.values.len() {
+            self.places.resize(self.values.len(), [f64::NAN; 3]);
+        }
+        self.places[id.index()] = place_m;
     }
     /// Where a variable is; `None` when it has neither coordinates nor a given place.
     #[must_use]
     pub fn place(&self, id: VariableId) -> Option<[f64; 3]> {
-        if let Some(place) = self.places.get(&id.0) {
+        if let Some(place) = self.places.get(id.index()).filter(|p| !p[0].is_nan()) {
             return Some(*place);
         }
         let v = self.values.get(id);

@@ -137,6 +137,16 @@ impl System {
         Ok(system)
     }
 
+    /// Keeps the panels on disk from now on.
+    pub fn use_disk(&mut self, disk: Disk) {
+        self.method = Method::HelmertOnDisk(disk);
+    }
+    /// The factorisation on disk, when there is one.
+    #[must_use]
+    pub fn on_disk(&self) -> Option<&DiskFactorisation> {
+        self.disk.as_ref()
+    }
+
     /// Unknowns.
     #[must_use]
     pub fn scalars(&self) -> usize {

@@ -23,6 +23,7 @@
 //! | [`survey`] | echoes: true and delivered point, block by block, the same for any number of threads |
 //! | [`output`] | the files |
 //! | [`drive`] | drives of a mobile mapping system through streets |
+//! | [`net`] | geodetic nets, false loop edges |
 //! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
 //! No estimator depends on this crate: truth cannot leak.
@@ -40,6 +41,7 @@ pub mod drive;
 mod error;
 pub mod flight;
 pub mod navigation;
+pub mod net;
 pub mod output;
 mod presets;
 mod random;

@@ -21,6 +21,9 @@ pub struct Singular {
 /// right-hand side.
 pub type Update = Vec<f64>;
 
+/// Longest buffer that is kept for use again.
+const LARGEST_KEPT: usize = 1 << 17;
+
 /// Buffers to be used again, by size.
 #[derive(Debug, Default)]
 pub struct Pool {
@@ -44,7 +47,8 @@ impl Pool {
     }
     /// Takes a buffer back.
     pub fn give(&mut self, buffer: Update) {
-        if buffer.is_empty() {
+        // large ones go back to the system: kept, they would double the memory that is needed at once
+        if buffer.is_empty() || buffer.len() > LARGEST_KEPT {
             return;
         }
         let class = Self::class(buffer.len());

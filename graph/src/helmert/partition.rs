@@ -15,7 +15,7 @@ pub struct PartitionOptions {
 
 impl Default for PartitionOptions {
     fn default() -> Self {
-        Self { leaf_nodes: 12, depth: usize::MAX }
+        Self { leaf_nodes: 8, depth: usize::MAX }
     }
 }
 

@@ -8,7 +8,7 @@ use tieline_graph::system::{System, SystemError};
 
 /// How ties are kept from harm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Robust {
+pub(super) enum Robust {
     /// One kernel throughout.
     Kernel(Kernel),
     /// Graduated non-convexity with Geman-McClure's kernel of this scale.
@@ -19,7 +19,7 @@ pub enum Robust {
 ///
 /// # Errors
 /// When the name or its number makes no sense.
-pub fn parse(text: &str) -> Result<Robust> {
+pub(super) fn parse(text: &str) -> Result<Robust> {
     let (name, number) = text.split_once(':').map_or((text, None), |(n, v)| (n, Some(v)));
     let scale = match number {
         None => 1.0,
@@ -42,7 +42,7 @@ pub fn parse(text: &str) -> Result<Robust> {
 impl Robust {
     /// The kernel at the end.
     #[must_use]
-    pub fn kernel(self) -> Kernel {
+    pub(super) fn kernel(self) -> Kernel {
         match self {
             Self::Kernel(kernel) => kernel,
             Self::Gnc(c) => Kernel::GemanMcClure(c * c),
@@ -52,7 +52,7 @@ impl Robust {
     ///
     /// # Errors
     /// [`SystemError`].
-    pub fn solve(
+    pub(super) fn solve(
         self,
         problem: &mut Problem,
         system: &mut System,

@@ -1,14 +1,16 @@
 //! `graph solve`: adjusts a pose graph or a net.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::factor::Convention;
 use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
-use tieline_graph::system::{Method, Order, System};
+use tieline_graph::helmert::out_of_core::{self, Disk};
+use tieline_graph::robust::Kernel;
+use tieline_graph::system::{Method, System};
 use tieline_graph::{Problem, initialise};
 
 use super::robust::{self, Robust};
@@ -26,37 +28,102 @@ fn cpu_s() -> f64 {
 
 /// What a solution is told by.
 #[derive(Debug, Default)]
-pub struct Outcome {
+pub(super) struct Outcome {
     /// What the adjustment did.
-    pub solved: Solved,
+    pub(super) solved: Solved,
     /// From the graph in memory to convergence \[s\].
-    pub solve_s: f64,
+    pub(super) solve_s: f64,
     /// CPU seconds of the program.
-    pub total_cpu_s: f64,
+    pub(super) total_cpu_s: f64,
     /// Where the values began.
-    pub initial: &'static str,
+    pub(super) initial: &'static str,
     /// Covariances, when asked for.
-    pub covariances: Option<Covariances>,
+    pub(super) covariances: Option<Covariances>,
     /// Seconds for them.
-    pub covariance_s: f64,
+    pub(super) covariance_s: f64,
+    /// Numbers in the panels.
+    pub(super) panel_numbers: usize,
+    /// Multiplications of a factorisation.
+    pub(super) flops: f64,
 }
 
-/// Settings of the solver by the arguments.
-pub fn options(args: &GraphSolveArgs, kernel: tieline_graph::robust::Kernel) -> SolveOptions {
-    let method = match args.method {
-        GraphMethod::Cholesky => Method::Cholesky,
-        _ => Method::Helmert,
-    };
-    let mut options = SolveOptions { method, kernel, ..SolveOptions::default() };
-    options.partition.leaf_nodes = args.leaf;
-    options
+/// How to solve.
+#[derive(Debug, Clone)]
+pub(super) struct Setup {
+    /// How the normal equations are solved.
+    pub(super) method: GraphMethod,
+    /// Most nodes of a leaf.
+    pub(super) leaf: usize,
+    /// Memory for the factorisation \[MiB\].
+    pub(super) memory: Option<u64>,
+    /// Folder of block files.
+    pub(super) blocks: Option<PathBuf>,
+    /// Whether sigmas are wanted.
+    pub(super) sigmas: bool,
+}
+
+impl Setup {
+    fn of(args: &GraphSolveArgs) -> Self {
+        Self {
+            method: args.method,
+            leaf: args.leaf,
+            memory: args.memory,
+            blocks: args.blocks.clone(),
+            sigmas: args.sigmas,
+        }
+    }
+    /// Settings of the solver.
+    fn options(&self, kernel: Kernel) -> SolveOptions {
+        let method = match self.method {
+            GraphMethod::Cholesky => Method::Cholesky,
+            _ => Method::Helmert,
+        };
+        let mut options = SolveOptions { method, kernel, ..SolveOptions::default() };
+        options.partition.leaf_nodes = self.leaf;
+        options
+    }
+    /// A system, on disk where the memory asks for it.
+    fn system(&self, problem: &Problem, options: &SolveOptions) -> Result<(System, Option<tempfile::TempDir>)> {
+        let mut system = System::new(problem, options.order, options.partition, options.method.clone())?;
+        let bytes = 8 * system.tree.panel_numbers() as u64;
+        let budget = self.memory.map(|mib| mib << 20);
+        let mut temporary = None;
+        if self.blocks.is_some() || budget.is_some_and(|b| bytes > b) {
+            if self.method != GraphMethod::Helmert {
+                bail!("the factorisation needs {} MiB; --memory and --blocks are for --method helmert", bytes >> 20);
+            }
+            let folder = match &self.blocks {
+                Some(folder) => {
+                    out_of_core::prepare(folder)?;
+                    folder.clone()
+                }
+                None => {
+                    let folder = tempfile::tempdir().context("a folder for block files")?;
+                    let path = folder.path().to_path_buf();
+                    temporary = Some(folder);
+                    path
+                }
+            };
+            let group_bytes = usize::try_from(budget.unwrap_or(128 << 20) / 8).unwrap_or(usize::MAX);
+            system.use_disk(Disk { folder, group_bytes });
+        }
+        Ok((system, temporary))
+    }
+}
+
+/// Adjusts a net from its own values.
+///
+/// # Errors
+/// As the solver's.
+pub(super) fn adjust_net(problem: &mut Problem, setup: &Setup) -> Result<Outcome> {
+    adjust(problem, setup, Robust::Kernel(Kernel::None), GraphInitial::File)
 }
 
 /// Adjusts what the arguments name.
 ///
 /// # Errors
 /// When a file cannot be read, the graph is not determined, or the output cannot be written.
-pub fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
+pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
     let path = args.files.first().context("name a file")?;
     run_pose_graph(path, args, common, out)
 }
@@ -73,7 +140,7 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
     };
     let robust = robust::parse(&args.robust)?;
     let mut problem = pose_graph::problem(&graph, convention)?;
-    let outcome = adjust(&mut problem, args, robust)?;
+    let outcome = adjust(&mut problem, &Setup::of(args), robust, args.initial)?;
     let name = match args.convention {
         GraphConvention::Plain => "plain",
         GraphConvention::Log => "log",
@@ -86,22 +153,32 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
 ///
 /// # Errors
 /// As the solver's.
-pub fn adjust(problem: &mut Problem, args: &GraphSolveArgs, robust: Robust) -> Result<Outcome> {
+pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initial: GraphInitial) -> Result<Outcome> {
     let begin = Instant::now();
-    let options = options(args, robust.kernel());
-    let initial = first_values(problem, args.initial, &options)?;
-    let mut system = System::new(problem, Order::Automatic, options.partition, options.method.clone())?;
+    let options = setup.options(robust.kernel());
+    let initial = first_values(problem, initial, &options)?;
+    let (mut system, _temporary) = setup.system(problem, &options)?;
     let mut solved = robust.solve(problem, &mut system, &options, solve_system)?;
     solved.total_s += system.order_s;
     let solve_s = begin.elapsed().as_secs_f64();
-    let mut outcome = Outcome { solved, solve_s, initial, ..Outcome::default() };
-    if args.sigmas {
+    let mut outcome = Outcome {
+        solved,
+        solve_s,
+        initial,
+        panel_numbers: system.tree.panel_numbers(),
+        flops: system.tree.flops(),
+        ..Outcome::default()
+    };
+    if setup.sigmas {
         if options.method_is_reference() {
             bail!("--sigmas needs --method helmert: the reference keeps no blocks to invert");
         }
         let begin = Instant::now();
         outcome.covariances = Some(covariances(problem, &mut system, &options.kernel, false)?);
         outcome.covariance_s = begin.elapsed().as_secs_f64();
+    }
+    if let Some(disk) = system.on_disk() {
+        disk.delete();
     }
     outcome.total_cpu_s = cpu_s();
     Ok(outcome)
@@ -121,7 +198,7 @@ fn first_values(problem: &mut Problem, initial: GraphInitial, options: &SolveOpt
         }
         GraphInitial::Auto => {
             // with false loop edges about, linear first values are worse than any odometry
-            if options.kernel != tieline_graph::robust::Kernel::None {
+            if options.kernel != Kernel::None {
                 return Ok("file");
             }
             let Ok(values) = initialise::chordal(problem) else { return Ok("file") };

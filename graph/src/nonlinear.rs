@@ -96,7 +96,7 @@ pub fn solve_system(
     options: &SolveOptions,
 ) -> Result<Solved, SystemError> {
     let begin = Instant::now();
-    let mut values = problem.values.clone();
+    let mut values = problem.values.clone(); // a failure leaves the problem as it was
     let mut cost = problem.cost(&values, &options.kernel);
     let mut solved = Solved {
         first_cost: cost,

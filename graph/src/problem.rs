@@ -29,6 +29,7 @@ pub(crate) trait Group: Send + Sync + std::fmt::Debug {
     fn factor(&self, index: usize) -> &dyn Factor;
     fn linearise(&self, range: Range<usize>, values: &Values, kernel: &Kernel, sink: &mut dyn BatchSink);
     fn cost(&self, range: Range<usize>, values: &Values, kernel: &Kernel) -> f64;
+    fn shrink(&mut self);
 }
 
 /// A sink behind a pointer.
@@ -51,6 +52,9 @@ impl<F: Factor> Group for Typed<F> {
     }
     fn any(&self) -> &dyn Any {
         &self.0
+    }
+    fn shrink(&mut self) {
+        self.0.shrink_to_fit();
     }
     fn len(&self) -> usize {
         self.0.len()
@@ -215,6 +219,10 @@ impl Problem {
             self.groups.push(Box::new(Typed::<F>(Vec::new())));
         }
         self.groups[index].any_mut().downcast_mut::<Vec<F>>().expect("the group of this type")
+    }
+    /// Gives back memory that was set aside for more factors.
+    pub fn shrink(&mut self) {
+        self.groups.iter_mut().for_each(|g| g.shrink());
     }
     /// Number of factors.
     #[must_use]

@@ -133,6 +133,9 @@ impl System {
         if let Some(reference) = reference {
             system.reference = Some(reference.map_err(|s| system.not_determined(problem, s))?);
         }
+        // from here on the pattern says it all
+        system.graph.starts = Vec::new();
+        system.graph.neighbours = Vec::new();
         system.order_s = begin.elapsed().as_secs_f64();
         Ok(system)
     }

@@ -52,5 +52,6 @@ pub fn problem(net: &SimulatedNet) -> Problem {
         let id = VariableId(2 * u32::try_from(k).unwrap_or(u32::MAX) + 1);
         problem.values.get_mut(id)[0] = sin.atan2(*cos);
     }
+    problem.shrink();
     problem
 }

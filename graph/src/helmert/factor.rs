@@ -1,7 +1,5 @@
 //! Factorisation of the normal equations up the tree, in memory, and solution down the tree.
 
-use faer::Par;
-
 use super::front::{self, eliminate};
 use super::tree::Tree;
 use crate::linear::blocks::Pattern;
@@ -17,12 +15,26 @@ pub struct Singular {
     pub scalar: usize,
 }
 
-/// What a block hands to the block above: square of the boundary (lower triangle, column by column), then its
-/// right-hand side.
+/// What a block hands to the block above: square of the boundary (lower triangle, column by column; packed where it is
+/// large), then its right-hand side.
 pub type Update = Vec<f64>;
 
+/// Boundaries with more scalars than this are handed up packed: many of them wait at a time.
+const PACKED_FROM: usize = 192;
+
+/// Where column `c` of an update would begin with its row 0.
+#[inline]
+pub(super) fn column_base(count: usize, c: usize) -> usize {
+    if count > PACKED_FROM { c * count - c * (c + 1) / 2 } else { c * count }
+}
+/// Where the right-hand side of an update begins.
+#[inline]
+pub(super) fn right_start(count: usize) -> usize {
+    if count > PACKED_FROM { count * (count + 1) / 2 } else { count * count }
+}
+
 /// Longest buffer that is kept for use again.
-const LARGEST_KEPT: usize = 1 << 17;
+const LARGEST_KEPT: usize = 1 << 15;
 
 /// Buffers to be used again, by size.
 #[derive(Debug, Default)]
@@ -84,17 +96,23 @@ impl Equations<'_> {
         pool: &mut Pool,
     ) -> Result<Update, Singular> {
         let block = &self.tree.blocks[index];
-        let (rows, own, boundary) = (block.scalars(), block.own_scalars, block.boundary_scalars);
-        let mut update = pool.take(boundary * boundary + boundary);
-        let (square, right) = update.split_at_mut(boundary * boundary);
+        let (own, boundary) = (block.own_scalars, block.boundary_scalars);
+        let packs = boundary > PACKED_FROM;
+        let mut update = pool.take(right_start(boundary) + boundary);
+        let mut top = pool.take(own * own);
+        let mut wide = if packs { pool.take(boundary * boundary) } else { Vec::new() };
+        let (kept, right) = update.split_at_mut(right_start(boundary));
+        let square = if packs { wide.as_mut_slice() } else { &mut *kept };
+        let (packed, low) = panel.split_at_mut(front::triangle(own));
         let offsets = self.tree.boundary_offsets(index);
-        self.gather(index, &offsets, panel);
+        let mut pieces = Front { top: &mut top, low, square, own, boundary };
+        self.gather(index, &offsets, &mut pieces);
         let mut runs = Vec::new();
         for (child, from) in children {
             self.runs(*child as usize, index, &offsets, &mut runs);
             let count = self.tree.blocks[*child as usize].boundary_scalars;
-            extend_add(from, count, &runs, panel, square, rows, own);
-            let tail = &from[count * count..];
+            pieces.extend_add(from, count, &runs);
+            let tail = &from[right_start(count)..];
             for (start, len, to) in &runs {
                 for k in 0..*len {
                     let (value, row) = (tail[start + k], to + k);
@@ -103,17 +121,22 @@ impl Equations<'_> {
             }
         }
         let first = self.tree.scalar_start[block.first as usize] as usize;
-        eliminate(panel, square, rows, own, Par::Seq).map_err(|j| Singular { scalar: first + j })?;
-        self.check_pivots(index, panel)?;
-        front::forward(panel, rows, own, own_right, right);
+        eliminate(pieces.top, pieces.low, pieces.square, own, boundary).map_err(|j| Singular { scalar: first + j })?;
+        self.check_pivots(index, &top)?;
+        front::pack(&top, own, packed);
+        pool.give(top);
+        if packs {
+            front::pack(&wide, boundary, kept);
+            pool.give(wide);
+        }
+        front::forward(panel, own, boundary, own_right, right);
         Ok(update)
     }
 
     /// Brings the normal equations' panels of the own positions into the front.
-    fn gather(&self, index: usize, offsets: &[u32], panel: &mut [f64]) {
+    fn gather(&self, index: usize, offsets: &[u32], front: &mut Front<'_>) {
         let tree = self.tree;
         let block = &tree.blocks[index];
-        let rows = block.scalars();
         let first_scalar = tree.scalar_start[block.first as usize];
         let boundary = tree.boundary(index);
         let mut places: Vec<(u32, u32)> = Vec::new();
@@ -135,12 +158,14 @@ impl Equations<'_> {
             }
             for c in 0..own {
                 let from = &source[c * height..(c + 1) * height];
-                let to = &mut panel[(at + c) * rows..(at + c + 1) * rows];
-                to[at + c..at + own].copy_from_slice(&from[c..own]);
+                let k = front.own;
+                let (top, low) = front.own_column(at + c);
+                top[at + c..at + own].copy_from_slice(&from[c..own]);
                 let mut next = own;
                 for (local, count) in &places {
                     let (local, count) = (*local as usize, *count as usize);
-                    to[local..local + count].copy_from_slice(&from[next..next + count]);
+                    let to = if local < k { &mut top[local..local + count] } else { &mut low[local - k..local - k + count] };
+                    to.copy_from_slice(&from[next..next + count]);
                     next += count;
                 }
             }
@@ -166,7 +191,7 @@ impl Equations<'_> {
             } as usize;
             let count = tree.dimension(*q) as usize;
             match runs.last_mut() {
-                Some((_, len, to)) if *to + *len == local => *len += count,
+                Some((_, len, to)) if *to + *len == local && local != block.own_scalars => *len += count,
                 _ => runs.push((at, count, local)),
             }
             at += count;
@@ -174,15 +199,15 @@ impl Equations<'_> {
     }
 
     /// Whether every pivot is worth something beside its diagonal.
-    fn check_pivots(&self, index: usize, panel: &[f64]) -> Result<(), Singular> {
+    fn check_pivots(&self, index: usize, top: &[f64]) -> Result<(), Singular> {
         let block = &self.tree.blocks[index];
-        let rows = block.scalars();
+        let own = block.own_scalars;
         let first = self.tree.scalar_start[block.first as usize] as usize;
         let mut j = 0;
         for p in block.first..block.end {
             let (range, height) = self.pattern.panel(p);
             for c in 0..self.tree.dimension(p) as usize {
-                let pivot = panel[j * (rows + 1)];
+                let pivot = top[j * (own + 1)];
                 if pivot * pivot <= WEAK_PIVOT * self.numbers[range.start + c * (height + 1)] {
                     return Err(Singular { scalar: first + j });
                 }
@@ -193,32 +218,42 @@ impl Equations<'_> {
     }
 }
 
-/// Adds a child's square to the front above it.
-fn extend_add(
-    from: &[f64],
-    count: usize,
-    runs: &[(usize, usize, usize)],
-    panel: &mut [f64],
-    square: &mut [f64],
-    rows: usize,
+/// The pieces of a front, see [`front`].
+struct Front<'a> {
+    top: &'a mut [f64],
+    low: &'a mut [f64],
+    square: &'a mut [f64],
     own: usize,
-) {
-    let boundary = rows - own;
-    for (k, (start, len, to)) in runs.iter().enumerate() {
-        for c in 0..*len {
-            let column = to + c;
-            let source = &from[(start + c) * count..(start + c + 1) * count];
-            let (target, shift) = if column < own {
-                (&mut panel[column * rows..(column + 1) * rows], 0)
-            } else {
-                (&mut square[(column - own) * boundary..(column - own + 1) * boundary], own)
-            };
-            let mut add = |s: usize, n: usize, t: usize| {
-                target[t - shift..t - shift + n].iter_mut().zip(&source[s..s + n]).for_each(|(a, b)| *a += b);
-            };
-            add(start + c, len - c, to + c);
-            for (s, n, t) in &runs[k + 1..] {
-                add(*s, *n, *t);
+    boundary: usize,
+}
+
+impl Front<'_> {
+    /// An own column: its rows in the own square and below.
+    fn own_column(&mut self, column: usize) -> (&mut [f64], &mut [f64]) {
+        let (k, m) = (self.own, self.boundary);
+        (&mut self.top[column * k..(column + 1) * k], &mut self.low[column * m..(column + 1) * m])
+    }
+
+    /// Adds a child's square. No run goes over the end of the own scalars: nodes are in one piece.
+    fn extend_add(&mut self, from: &[f64], count: usize, runs: &[(usize, usize, usize)]) {
+        let (own, boundary) = (self.own, self.boundary);
+        for (k, (start, len, to)) in runs.iter().enumerate() {
+            for c in 0..*len {
+                let column = to + c;
+                let source = &from[column_base(count, start + c)..];
+                if column < own {
+                    let (top, low) = self.own_column(column);
+                    for (s, n, t) in std::iter::once(&(start + c, len - c, to + c)).chain(&runs[k + 1..]) {
+                        let target = if *t < own { &mut top[*t..t + n] } else { &mut low[t - own..t - own + n] };
+                        target.iter_mut().zip(&source[*s..s + n]).for_each(|(a, b)| *a += b);
+                    }
+                } else {
+                    let target = &mut self.square[(column - own) * boundary..(column - own + 1) * boundary];
+                    for (s, n, t) in std::iter::once(&(start + c, len - c, to + c)).chain(&runs[k + 1..]) {
+                        let target = &mut target[t - own..t - own + n];
+                        target.iter_mut().zip(&source[*s..s + n]).for_each(|(a, b)| *a += b);
+                    }
+                }
             }
         }
     }
@@ -288,7 +323,7 @@ impl Factorisation {
             below.clear();
             below.resize(block.boundary_scalars, 0.0);
             let own = &mut right[first..first + block.own_scalars];
-            front::forward(self.panel(tree, index), block.scalars(), block.own_scalars, own, &mut below);
+            front::forward(self.panel(tree, index), block.own_scalars, block.boundary_scalars, own, &mut below);
             let mut next = below.iter();
             for q in tree.boundary(index) {
                 let start = tree.scalar_start[*q as usize] as usize;
@@ -310,7 +345,7 @@ pub fn backward_block(tree: &Tree, index: usize, panel: &[f64], right: &mut [f64
     }
     let first = tree.scalar_start[block.first as usize] as usize;
     let own = &mut right[first..first + block.own_scalars];
-    front::backward(panel, block.scalars(), block.own_scalars, own, boundary);
+    front::backward(panel, block.own_scalars, block.boundary_scalars, own, boundary);
 }
 
 /// Multiplications of each subtree.

@@ -102,7 +102,7 @@ fn block_inverse(tree: &Tree, index: usize, panel: &[f64], boundary: &[f64]) -> 
         return BlockInverse { rows: n, numbers };
     }
     let mut inverse = Mat::<f64>::zeros(k, k);
-    invert_lower_triangular(inverse.as_mut(), front::own_square(panel, n, k), Par::Seq);
+    invert_lower_triangular(inverse.as_mut(), front::own_square(panel, k).as_ref(), Par::Seq);
     let whole = MatMut::from_column_major_slice_mut(&mut numbers, n, n);
     let (z1, z2) = whole.split_at_col_mut(k);
     let (mut z11, mut z21) = z1.split_at_row_mut(k);
@@ -123,7 +123,7 @@ fn block_inverse(tree: &Tree, index: usize, panel: &[f64], boundary: &[f64]) -> 
             x.as_mut(),
             BlockStructure::Rectangular,
             Accum::Replace,
-            front::below(panel, n, k),
+            front::below(panel, k, m),
             BlockStructure::Rectangular,
             inverse.as_ref(),
             BlockStructure::TriangularLower,

@@ -10,7 +10,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use super::factor::{Equations, Pool, Singular, Update, backward_block};
+use super::factor::{Equations, Pool, Singular, Update, backward_block, right_start};
 use super::tree::{NONE, Tree};
 
 /// Where and in what pieces panels are kept.
@@ -135,7 +135,7 @@ impl DiskFactorisation {
                 let own = &mut right[start..end];
                 match work_through(equations, group, &mut numbers, own, children, &mut pool) {
                     Ok(update) => {
-                        this.write(tree, index, &numbers, &right[start..end], &update)?;
+                        this.write(index, &numbers, &right[start..end], &update)?;
                         update
                     }
                     Err(singular) => return Ok(Err(singular)),
@@ -189,7 +189,6 @@ impl DiskFactorisation {
     /// Writes a group: beside its name first, then under it.
     fn write(
         &self,
-        tree: &Tree,
         index: usize,
         panels: &[f64],
         right: &[f64],
@@ -197,14 +196,13 @@ impl DiskFactorisation {
     ) -> Result<(), DiskError> {
         let path = self.path(index);
         let beside = path.with_extension("part");
-        let packed = pack(update, tree.blocks[self.groups[index].last].boundary_scalars);
         let write = || -> std::io::Result<()> {
             let mut file = File::create(&beside)?;
             let header =
                 [MAGIC, self.fingerprint, u64::try_from(index).unwrap_or(0), u64::try_from(panels.len()).unwrap_or(0)];
             file.write_all(bytemuck::cast_slice(&header))?;
             let mut sum = Checksum::new();
-            for part in [panels, right, &packed] {
+            for part in [panels, right, update.as_slice()] {
                 sum.add(part);
                 file.write_all(bytemuck::cast_slice(part))?;
             }
@@ -231,13 +229,13 @@ impl DiskFactorisation {
         drop(panels);
         let mut own = vec![0.0; right.len()];
         read_into(&mut file, &mut own, &mut sum).ok()?;
-        let mut packed = vec![0.0; count * (count + 1) / 2 + count];
-        read_into(&mut file, &mut packed, &mut sum).ok()?;
+        let mut update = vec![0.0; right_start(count) + count];
+        read_into(&mut file, &mut update, &mut sum).ok()?;
         if read_word(&mut file)? != sum.value() {
             return None;
         }
         right.copy_from_slice(&own);
-        Some(unpack(&packed, count))
+        Some(update)
     }
 
     fn check_header(&self, file: &mut File, index: usize) -> Option<()> {
@@ -262,7 +260,7 @@ impl DiskFactorisation {
         let (start, end) = scalar_range(tree, group);
         let count = tree.blocks[group.last].boundary_scalars;
         let mut buffer = vec![0.0; 1 << 16];
-        for len in [end - start, count * (count + 1) / 2 + count] {
+        for len in [end - start, right_start(count) + count] {
             let mut left = len;
             while left > 0 {
                 // whole pieces but the last one, as the lanes of the checksum ask
@@ -292,27 +290,6 @@ fn read_into(file: &mut File, numbers: &mut [f64], sum: &mut Checksum) -> std::i
     file.read_exact(bytemuck::cast_slice_mut(numbers))?;
     sum.add(numbers);
     Ok(())
-}
-
-/// Lower triangle and right-hand side of an update.
-fn pack(update: &[f64], count: usize) -> Vec<f64> {
-    let mut packed = Vec::with_capacity(count * (count + 1) / 2 + count);
-    for c in 0..count {
-        packed.extend_from_slice(&update[c * count + c..(c + 1) * count]);
-    }
-    packed.extend_from_slice(&update[count * count..]);
-    packed
-}
-
-fn unpack(packed: &[f64], count: usize) -> Update {
-    let mut update = vec![0.0; count * count + count];
-    let mut next = 0;
-    for c in 0..count {
-        update[c * count + c..(c + 1) * count].copy_from_slice(&packed[next..next + count - c]);
-        next += count - c;
-    }
-    update[count * count..].copy_from_slice(&packed[next..]);
-    update
 }
 
 /// Subtrees whose panels fit, and single blocks.

@@ -41,10 +41,10 @@ impl Block {
     pub fn scalars(&self) -> usize {
         self.own_scalars + self.boundary_scalars
     }
-    /// Numbers in the panel.
+    /// Numbers in the panel: packed triangle, and what is below.
     #[must_use]
     pub fn panel_len(&self) -> usize {
-        self.own_scalars * self.scalars()
+        self.own_scalars * (self.own_scalars + 1) / 2 + self.own_scalars * self.boundary_scalars
     }
 }
 

@@ -6,6 +6,7 @@ use crate::helmert::partition::PartitionOptions;
 use crate::linear::blocks::Normal;
 use crate::problem::Problem;
 use crate::robust::Kernel;
+use crate::variable::Values;
 use crate::system::{Method, Order, System, SystemError};
 
 /// Settings of the adjustment.
@@ -89,15 +90,27 @@ pub fn solve(problem: &mut Problem, options: &SolveOptions) -> Result<Solved, Sy
 ///
 /// # Errors
 /// [`SystemError`].
-#[allow(clippy::cast_possible_wrap)]
 pub fn solve_system(
     problem: &mut Problem,
     system: &mut System,
     options: &SolveOptions,
 ) -> Result<Solved, SystemError> {
+    // taken out, not copied: large nets are many numbers
+    let mut values = std::mem::take(&mut problem.values);
+    let solved = iterate(problem, &mut values, system, options);
+    problem.values = values;
+    solved
+}
+
+#[allow(clippy::cast_possible_wrap)]
+fn iterate(
+    problem: &Problem,
+    values: &mut Values,
+    system: &mut System,
+    options: &SolveOptions,
+) -> Result<Solved, SystemError> {
     let begin = Instant::now();
-    let mut values = problem.values.clone(); // a failure leaves the problem as it was
-    let mut cost = problem.cost(&values, &options.kernel);
+    let mut cost = problem.cost(values, &options.kernel);
     let mut solved = Solved {
         first_cost: cost,
         degrees_of_freedom: problem.residual_count() as i64 - system.scalars() as i64,
@@ -109,7 +122,7 @@ pub fn solve_system(
     let mut step = Vec::new();
     while solved.iterations < options.iterations {
         let formed = Instant::now();
-        system.pattern.assemble(problem, &values, &options.kernel, &mut normal);
+        system.pattern.assemble(problem, values, &options.kernel, &mut normal);
         solved.assemble_s += formed.elapsed().as_secs_f64();
         let accepted = loop {
             step.clone_from(&normal.right);
@@ -135,7 +148,7 @@ pub fn solve_system(
             let last = expected.abs() <= options.cost_tolerance * cost || expected.abs() < 1e-18;
             if new_cost <= cost || (last && new_cost <= cost * (1.0 + 1e-9) + 1e-18) {
                 let small = cost - new_cost <= 1e-2 * options.cost_tolerance * cost;
-                (values, cost) = (moved, new_cost);
+                (*values, cost) = (moved, new_cost);
                 damping = if damping < 1e-7 { 0.0 } else { 0.1 * damping };
                 solved.converged = last || small && damping == 0.0;
                 break true;
@@ -151,7 +164,6 @@ pub fn solve_system(
             break;
         }
     }
-    problem.values = values;
     solved.cost = cost;
     solved.total_s = begin.elapsed().as_secs_f64();
     Ok(solved)

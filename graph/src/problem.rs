@@ -187,7 +187,7 @@ impl Problem {
     }
     /// All variables.
     pub fn variables(&self) -> impl Iterator<Item = VariableId> + use<> {
-        (0..u32::try_from(self.values.len()).unwrap_or(u32::MAX)).map(VariableId)
+        (0..u32::try_from(self.fixed.len()).unwrap_or(u32::MAX)).map(VariableId)
     }
 
     /// Adds a factor.

@@ -3,6 +3,8 @@
 //! A variable has a kind; the kind says how many numbers store it and how many it is corrected by (its tangent).
 //! Poses are corrected in their own frame: `t ← t + R δt`, `R ← R exp(δθ)`.
 
+use std::sync::Arc;
+
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 /// Name of a variable inside a [`crate::Problem`]: its index.
@@ -55,11 +57,11 @@ impl Kind {
     }
 }
 
-/// Values of all variables.
+/// Values of all variables. Copies share what does not change.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Values {
-    kinds: Vec<Kind>,
-    starts: Vec<u32>,
+    kinds: Arc<Vec<Kind>>,
+    starts: Arc<Vec<u32>>,
     numbers: Vec<f64>,
 }
 
@@ -81,8 +83,8 @@ impl Values {
     pub fn push(&mut self, kind: Kind, value: &[f64]) -> VariableId {
         assert_eq!(value.len(), kind.storage(), "numbers of a {kind:?}");
         let index = u32::try_from(self.kinds.len()).expect("fewer than 2^32 variables");
-        self.starts.push(u32::try_from(self.numbers.len()).expect("fewer than 2^32 numbers"));
-        self.kinds.push(kind);
+        Arc::make_mut(&mut self.starts).push(u32::try_from(self.numbers.len()).expect("fewer than 2^32 numbers"));
+        Arc::make_mut(&mut self.kinds).push(kind);
         self.numbers.extend_from_slice(value);
         VariableId(index)
     }

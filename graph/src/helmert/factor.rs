@@ -20,7 +20,7 @@ pub struct Singular {
 pub type Update = Vec<f64>;
 
 /// Boundaries with more scalars than this are handed up packed: many of them wait at a time.
-const PACKED_FROM: usize = 192;
+pub(super) const PACKED_FROM: usize = 192;
 
 /// Where column `c` of an update would begin with its row 0.
 #[inline]
@@ -95,47 +95,63 @@ impl Equations<'_> {
         children: &[(u32, Update)],
         pool: &mut Pool,
     ) -> Result<Update, Singular> {
+        let mut work = self.open_block(index, panel, own_right, pool);
+        for (child, from) in children {
+            self.add_child(&mut work, *child as usize, from);
+        }
+        self.close_block(work, pool)
+    }
+
+    /// A block's front with its own observations in it.
+    pub(super) fn open_block<'w>(
+        &self,
+        index: usize,
+        panel: &'w mut [f64],
+        own_right: &'w mut [f64],
+        pool: &mut Pool,
+    ) -> Work<'w> {
         let block = &self.tree.blocks[index];
         let (own, boundary) = (block.own_scalars, block.boundary_scalars);
-        let packs = boundary > PACKED_FROM;
-        let mut update = pool.take(right_start(boundary) + boundary);
-        let mut top = pool.take(own * own);
-        let mut wide = if packs { pool.take(boundary * boundary) } else { Vec::new() };
-        let (kept, right) = update.split_at_mut(right_start(boundary));
-        let square = if packs { wide.as_mut_slice() } else { &mut *kept };
-        let (packed, low) = panel.split_at_mut(front::triangle(own));
+        let update = pool.take(right_start(boundary) + boundary);
+        let top = pool.take(own * own);
         let offsets = self.tree.boundary_offsets(index);
-        let mut pieces = Front { top: &mut top, low, square, own, boundary };
-        self.gather(index, &offsets, &mut pieces);
-        let mut runs = Vec::new();
-        for (child, from) in children {
-            self.runs(*child as usize, index, &offsets, &mut runs);
-            let count = self.tree.blocks[*child as usize].boundary_scalars;
-            pieces.extend_add(from, count, &runs);
-            let tail = &from[right_start(count)..];
-            for (start, len, to) in &runs {
-                for k in 0..*len {
-                    let (value, row) = (tail[start + k], to + k);
-                    if row < own { own_right[row] += value } else { right[row - own] += value }
-                }
+        let mut work = Work { index, panel, own_right, update, top, offsets, own, boundary };
+        self.gather(&mut work);
+        work
+    }
+
+    /// Adds what a block below hands up.
+    pub(super) fn add_child(&self, work: &mut Work<'_>, child: usize, from: &[f64]) {
+        let runs = self.runs(child, work.index, &work.offsets);
+        let count = self.tree.blocks[child].boundary_scalars;
+        work.extend_add(from, count, &runs);
+        let tail = &from[right_start(count)..];
+        let right = &mut work.update[right_start(work.boundary)..];
+        for (start, len, to) in &runs {
+            for k in 0..*len {
+                let (value, row) = (tail[start + k], to + k);
+                if row < work.own { work.own_right[row] += value } else { right[row - work.own] += value }
             }
         }
-        let first = self.tree.scalar_start[block.first as usize] as usize;
-        eliminate(pieces.top, pieces.low, pieces.square, own, boundary).map_err(|j| Singular { scalar: first + j })?;
+    }
+
+    /// Eliminates the own scalars of a front; what goes up.
+    pub(super) fn close_block(&self, work: Work<'_>, pool: &mut Pool) -> Result<Update, Singular> {
+        let Work { index, panel, own_right, mut update, mut top, own, boundary, .. } = work;
+        let (packed, low) = panel.split_at_mut(front::triangle(own));
+        let (square, right) = update.split_at_mut(right_start(boundary));
+        let first = self.tree.scalar_start[self.tree.blocks[index].first as usize] as usize;
+        eliminate(&mut top, low, square, own, boundary).map_err(|j| Singular { scalar: first + j })?;
         self.check_pivots(index, &top)?;
         front::pack(&top, own, packed);
         pool.give(top);
-        if packs {
-            front::pack(&wide, boundary, kept);
-            pool.give(wide);
-        }
         front::forward(panel, own, boundary, own_right, right);
         Ok(update)
     }
 
     /// Brings the normal equations' panels of the own positions into the front.
-    fn gather(&self, index: usize, offsets: &[u32], front: &mut Front<'_>) {
-        let tree = self.tree;
+    fn gather(&self, work: &mut Work<'_>) {
+        let (tree, index) = (self.tree, work.index);
         let block = &tree.blocks[index];
         let first_scalar = tree.scalar_start[block.first as usize];
         let boundary = tree.boundary(index);
@@ -152,14 +168,14 @@ impl Equations<'_> {
                     tree.scalar_start[*q as usize] - first_scalar
                 } else {
                     cursor += boundary[cursor..].partition_point(|b| b < q);
-                    offsets[cursor]
+                    work.offsets[cursor]
                 };
                 places.push((local, tree.dimension(*q)));
             }
             for c in 0..own {
                 let from = &source[c * height..(c + 1) * height];
-                let k = front.own;
-                let (top, low) = front.own_column(at + c);
+                let k = work.own;
+                let (top, low) = work.own_column(at + c);
                 top[at + c..at + own].copy_from_slice(&from[c..own]);
                 let mut next = own;
                 for (local, count) in &places {
@@ -173,13 +189,13 @@ impl Equations<'_> {
     }
 
     /// Pieces of a child's boundary that are in one piece in the front above: start, length, local start.
-    fn runs(&self, child: usize, parent: usize, offsets: &[u32], runs: &mut Vec<(usize, usize, usize)>) {
+    fn runs(&self, child: usize, parent: usize, offsets: &[u32]) -> Vec<(usize, usize, usize)> {
         let tree = self.tree;
         let block = &tree.blocks[parent];
         let first_scalar = tree.scalar_start[block.first as usize];
         let boundary = tree.boundary(parent);
         let (mut cursor, mut at) = (0, 0);
-        runs.clear();
+        let mut runs: Vec<(usize, usize, usize)> = Vec::new();
         for q in tree.boundary(child) {
             let local = if *q < block.end {
                 tree.scalar_start[*q as usize] - first_scalar
@@ -196,6 +212,7 @@ impl Equations<'_> {
             }
             at += count;
         }
+        runs
     }
 
     /// Whether every pivot is worth something beside its diagonal.
@@ -218,20 +235,24 @@ impl Equations<'_> {
     }
 }
 
-/// The pieces of a front, see [`front`].
-struct Front<'a> {
-    top: &'a mut [f64],
-    low: &'a mut [f64],
-    square: &'a mut [f64],
+/// A front that is being worked on, see [`front`].
+pub(super) struct Work<'a> {
+    index: usize,
+    panel: &'a mut [f64],
+    own_right: &'a mut [f64],
+    update: Update,
+    top: Vec<f64>,
+    offsets: Vec<u32>,
     own: usize,
     boundary: usize,
 }
 
-impl Front<'_> {
+impl Work<'_> {
     /// An own column: its rows in the own square and below.
     fn own_column(&mut self, column: usize) -> (&mut [f64], &mut [f64]) {
         let (k, m) = (self.own, self.boundary);
-        (&mut self.top[column * k..(column + 1) * k], &mut self.low[column * m..(column + 1) * m])
+        let low = &mut self.panel[front::triangle(k)..];
+        (&mut self.top[column * k..(column + 1) * k], &mut low[column * m..(column + 1) * m])
     }
 
     /// Adds a child's square. No run goes over the end of the own scalars: nodes are in one piece.
@@ -248,7 +269,7 @@ impl Front<'_> {
                         target.iter_mut().zip(&source[*s..s + n]).for_each(|(a, b)| *a += b);
                     }
                 } else {
-                    let target = &mut self.square[(column - own) * boundary..(column - own + 1) * boundary];
+                    let target = &mut self.update[column_base(boundary, column - own)..];
                     for (s, n, t) in std::iter::once(&(start + c, len - c, to + c)).chain(&runs[k + 1..]) {
                         let target = &mut target[t - own..t - own + n];
                         target.iter_mut().zip(&source[*s..s + n]).for_each(|(a, b)| *a += b);

@@ -7,10 +7,13 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltParams, LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::reborrow::{Reborrow, ReborrowMut};
 use faer::{Accum, Auto, Mat, MatMut, MatRef, Par, Spec};
+
+use super::factor::{PACKED_FROM, column_base};
 
 /// Own scalars up to which the plain loops are faster.
 const SMALL: usize = 8;
@@ -23,8 +26,8 @@ pub fn triangle(own: usize) -> usize {
 
 /// Eliminates the own columns of a front with `own` and `boundary` scalars.
 ///
-/// `top`: `own²`, becomes `L₁₁`; `low`: `boundary × own`, becomes `L₂₁`; `square`: `boundary²`, less `L₂₁ L₂₁ᵀ`
-/// afterwards. All column by column.
+/// `top`: `own²`, becomes `L₁₁`; `low`: `boundary × own`, becomes `L₂₁`; `square`: of the boundary as
+/// [`super::factor::Update`] has it, less `L₂₁ L₂₁ᵀ` afterwards. All column by column.
 ///
 /// # Errors
 /// The own column whose pivot is not positive.
@@ -45,6 +48,10 @@ pub fn eliminate(top: &mut [f64], low: &mut [f64], square: &mut [f64], own: usiz
     if boundary > 0 {
         let mut low = MatMut::from_column_major_slice_mut(low, boundary, own);
         solve_lower_triangular_in_place(top.rb(), low.rb_mut().transpose_mut(), Par::Seq);
+        if boundary > PACKED_FROM {
+            subtract_packed(low.rb(), square);
+            return Ok(());
+        }
         triangular::matmul(
             MatMut::from_column_major_slice_mut(square, boundary, boundary),
             BlockStructure::TriangularLower,
@@ -94,11 +101,36 @@ fn eliminate_small(
     for column in low.chunks_exact(boundary.max(1)) {
         for c in 0..boundary {
             let factor = column[c];
-            let target = &mut square[c * boundary + c..(c + 1) * boundary];
+            let start = column_base(boundary, c);
+            let target = &mut square[start + c..start + boundary];
             target.iter_mut().zip(&column[c..]).for_each(|(t, l)| *t -= factor * l);
         }
     }
     Ok(())
+}
+
+/// Columns of a strip of the packed square.
+const STRIP: usize = 96;
+
+/// Takes `L₂₁ L₂₁ᵀ` off a packed triangle, strip by strip.
+fn subtract_packed(low: MatRef<'_, f64>, packed: &mut [f64]) {
+    let boundary = low.nrows();
+    let mut scratch = vec![0.0; boundary * STRIP];
+    let mut first = 0;
+    while first < boundary {
+        let (width, rows) = (STRIP.min(boundary - first), boundary - first);
+        let mut strip = MatMut::from_column_major_slice_mut(&mut scratch[..rows * width], rows, width);
+        let left = low.subrows(first, rows);
+        let right = low.subrows(first, width);
+        matmul(strip.rb_mut(), Accum::Replace, left, right.transpose(), 1.0, Par::Seq);
+        for c in 0..width {
+            let start = column_base(boundary, first + c);
+            let target = &mut packed[start + first + c..start + boundary];
+            let source = &scratch[c * rows + c..(c + 1) * rows];
+            target.iter_mut().zip(source).for_each(|(t, s)| *t -= s);
+        }
+        first += width;
+    }
 }
 
 /// Packs the lower triangle of a square.

@@ -6,7 +6,7 @@
 //! so a run that was killed takes up after the last whole file.
 
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -52,6 +52,7 @@ pub enum DiskError {
 
 const MAGIC: u64 = 0x5449_454c_484d_5431;
 const HEADER: usize = 4;
+const HEADER_BYTES: usize = 8 * HEADER;
 
 /// Blocks `first..=last` in one file.
 #[derive(Debug, Clone, Copy)]
@@ -118,30 +119,30 @@ impl DiskFactorisation {
             resumed: 0,
             cached: Mutex::new(None),
         };
-        let mut open: Vec<(u32, Update)> = Vec::new();
         let mut pool = Pool::default();
         let mut numbers = Vec::new();
         for index in 0..this.groups.len() {
             let group = this.groups[index];
             let (start, end) = scalar_range(tree, group);
-            let taken = incoming(tree, group);
-            let children = open.split_off(open.len() - taken);
-            let update = if let Some(update) = this.take_over(tree, index, &mut right[start..end]) {
+            let own = &mut right[start..end];
+            if this.take_over(tree, index, own) {
                 this.resumed += 1;
-                update
+                continue;
+            }
+            numbers.clear();
+            numbers.resize(panel_len(tree, group), 0.0);
+            let worked = if group.first == group.last {
+                this.upper_block(equations, group.last, &mut numbers, own, &mut pool)?
             } else {
-                numbers.clear();
-                numbers.resize(panel_len(tree, group), 0.0);
-                let own = &mut right[start..end];
-                match work_through(equations, group, &mut numbers, own, children, &mut pool) {
-                    Ok(update) => {
-                        this.write(index, &numbers, &right[start..end], &update)?;
-                        update
-                    }
-                    Err(singular) => return Ok(Err(singular)),
-                }
+                work_through(equations, group, &mut numbers, own, &mut pool)
             };
-            open.push((u32::try_from(group.last).unwrap_or(u32::MAX), update));
+            match worked {
+                Ok(update) => {
+                    this.write(index, &numbers, &right[start..end], &update)?;
+                    pool.give(update);
+                }
+                Err(singular) => return Ok(Err(singular)),
+            }
         }
         Ok(Ok(this))
     }
@@ -216,26 +217,65 @@ impl DiskFactorisation {
         })
     }
 
-    /// What an earlier run wrote for a group, when the file is whole and of the same equations.
-    fn take_over(&self, tree: &Tree, index: usize, right: &mut [f64]) -> Option<Update> {
-        let path = self.path(index);
-        let mut file = File::open(&path).ok()?;
-        self.check_header(&mut file, index)?;
+    /// One block above the subtrees; what was handed up to it is read from their files, one after the other.
+    fn upper_block(
+        &self,
+        equations: &Equations<'_>,
+        block: usize,
+        panel: &mut [f64],
+        own: &mut [f64],
+        pool: &mut Pool,
+    ) -> Result<Result<Update, Singular>, DiskError> {
+        let mut work = equations.open_block(block, panel, own, pool);
+        for child in equations.tree.children(block) {
+            let update = self.read_update(equations.tree, *child as usize)?;
+            equations.add_child(&mut work, *child as usize, &update);
+        }
+        Ok(equations.close_block(work, pool))
+    }
+
+    /// Takes over what an earlier run wrote for a group, when the file is whole and of the same equations.
+    fn take_over(&self, tree: &Tree, index: usize, right: &mut [f64]) -> bool {
         let group = self.groups[index];
-        let count = tree.blocks[group.last].boundary_scalars;
-        let mut sum = Checksum::new();
-        let mut panels = vec![0.0; panel_len(tree, group)];
-        read_into(&mut file, &mut panels, &mut sum).ok()?;
-        drop(panels);
+        if !self.path(index).exists() {
+            return false;
+        }
+        let mut numbers = Vec::new();
+        if self.read_panels(tree, index, &mut numbers).is_err() {
+            return false;
+        }
         let mut own = vec![0.0; right.len()];
-        read_into(&mut file, &mut own, &mut sum).ok()?;
-        let mut update = vec![0.0; right_start(count) + count];
-        read_into(&mut file, &mut update, &mut sum).ok()?;
-        if read_word(&mut file)? != sum.value() {
-            return None;
+        let start = HEADER_BYTES + 8 * panel_len(tree, group);
+        let mut read = || -> std::io::Result<()> {
+            let mut file = File::open(self.path(index))?;
+            file.seek(SeekFrom::Start(start as u64))?;
+            file.read_exact(bytemuck::cast_slice_mut(&mut own))
+        };
+        if read().is_err() {
+            return false;
         }
         right.copy_from_slice(&own);
-        Some(update)
+        true
+    }
+
+    /// What the last block of a group hands up. The file was written or looked through in this run.
+    fn read_update(&self, tree: &Tree, block: usize) -> Result<Update, DiskError> {
+        let index = self.groups.partition_point(|g| g.last < block);
+        let path = self.path(index);
+        let group = self.groups[index];
+        let (start, end) = scalar_range(tree, group);
+        let count = tree.blocks[block].boundary_scalars;
+        let mut update = vec![0.0; right_start(count) + count];
+        let at = HEADER_BYTES + 8 * (panel_len(tree, group) + end - start);
+        let mut read = || -> std::io::Result<()> {
+            let mut file = File::open(&path)?;
+            file.seek(SeekFrom::Start(at as u64))?;
+            file.read_exact(bytemuck::cast_slice_mut(&mut update))
+        };
+        match read() {
+            Ok(()) => Ok(update),
+            Err(source) => Err(DiskError::Read { path, source }),
+        }
     }
 
     fn check_header(&self, file: &mut File, index: usize) -> Option<()> {
@@ -312,11 +352,6 @@ fn groups(tree: &Tree, numbers: usize) -> Vec<Group> {
     groups
 }
 
-/// Groups whose updates a group takes in.
-fn incoming(tree: &Tree, group: Group) -> usize {
-    if group.first == group.last { tree.children(group.last).len() } else { 0 }
-}
-
 fn panel_len(tree: &Tree, group: Group) -> usize {
     let (first, last) = (&tree.blocks[group.first], &tree.blocks[group.last]);
     last.panel_start + last.panel_len() - first.panel_start
@@ -332,11 +367,10 @@ fn work_through(
     group: Group,
     mut panels: &mut [f64],
     mut right: &mut [f64],
-    children: Vec<(u32, Update)>,
     pool: &mut Pool,
 ) -> Result<Update, Singular> {
     let tree = equations.tree;
-    let mut open = children;
+    let mut open: Vec<(u32, Update)> = Vec::new();
     for index in group.first..=group.last {
         let block = &tree.blocks[index];
         let (panel, p_rest) = std::mem::take(&mut panels).split_at_mut(block.panel_len());

@@ -269,6 +269,9 @@ pub struct GraphSolveArgs {
     /// Standard deviations of all unknowns
     #[arg(long)]
     pub sigmas: bool,
+    /// Most iterations
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub iterations: usize,
     /// Most nodes of a block that is not cut further
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub leaf: usize,
@@ -304,6 +307,9 @@ pub struct GraphGenerateArgs {
     /// Standard deviations of all unknowns
     #[arg(long)]
     pub sigmas: bool,
+    /// Most iterations
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub iterations: usize,
     /// Most nodes of a block that is not cut further
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub leaf: usize,

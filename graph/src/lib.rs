@@ -18,6 +18,7 @@
 //! | [`linear`] | nodes, block normal equations, the reference solver |
 //! | [`helmert`] | Helmert blocking: partition, elimination in memory and on disk, selected inverse |
 //! | [`system`], [`nonlinear`] | from a problem to its solution |
+//! | [`bowie`] | junctions and sections |
 //! | [`covariance`] | covariances, redundancies, reliability |
 //! | [`initialise`] | first values: chordal rotations, linear translations |
 //! | [`robust`] | kernels of ties |
@@ -27,6 +28,7 @@
 
 pub mod adjust;
 pub mod basis;
+pub mod bowie;
 pub mod covariance;
 pub mod factor;
 pub mod georeference;

@@ -30,6 +30,8 @@ pub(crate) trait Group: Send + Sync + std::fmt::Debug {
     fn linearise(&self, range: Range<usize>, values: &Values, kernel: &Kernel, sink: &mut dyn BatchSink);
     fn cost(&self, range: Range<usize>, values: &Values, kernel: &Kernel) -> f64;
     fn shrink(&mut self);
+    fn leave_out(&mut self, left_out: Vec<bool>);
+    fn is_left_out(&self, index: usize) -> bool;
 }
 
 /// A sink behind a pointer.
@@ -44,28 +46,43 @@ impl<T: Sink> BatchSink for T {
 }
 
 #[derive(Debug)]
-struct Typed<F>(Vec<F>);
+struct Typed<F> {
+    factors: Vec<F>,
+    /// Factors that are left out; empty when none is.
+    left_out: Vec<bool>,
+}
 
 impl<F: Factor> Group for Typed<F> {
     fn any_mut(&mut self) -> &mut dyn Any {
-        &mut self.0
+        &mut self.factors
     }
     fn any(&self) -> &dyn Any {
-        &self.0
+        &self.factors
+    }
+    fn leave_out(&mut self, left_out: Vec<bool>) {
+        self.left_out = left_out;
+    }
+    #[inline]
+    fn is_left_out(&self, index: usize) -> bool {
+        self.left_out.get(index).copied().unwrap_or(false)
     }
     fn shrink(&mut self) {
-        self.0.shrink_to_fit();
+        self.factors.shrink_to_fit();
     }
     fn len(&self) -> usize {
-        self.0.len()
+        self.factors.len()
     }
     fn factor(&self, index: usize) -> &dyn Factor {
-        &self.0[index]
+        &self.factors[index]
     }
     fn linearise(&self, range: Range<usize>, values: &Values, kernel: &Kernel, sink: &mut dyn BatchSink) {
         let mut residual = [0.0; MAX_ROWS];
         let mut jacobian = [0.0; MAX_ROWS * MAX_COLUMNS];
-        for factor in &self.0[range] {
+        for index in range {
+            if self.is_left_out(index) {
+                continue;
+            }
+            let factor = &self.factors[index];
             let variables = factor.variables();
             let rows = factor.rows();
             let columns: usize = variables.iter().map(|v| values.kind(*v).dimension()).sum();
@@ -83,7 +100,11 @@ impl<F: Factor> Group for Typed<F> {
     fn cost(&self, range: Range<usize>, values: &Values, kernel: &Kernel) -> f64 {
         let mut residual = [0.0; MAX_ROWS];
         let mut sum = 0.0;
-        for factor in &self.0[range] {
+        for index in range {
+            if self.is_left_out(index) {
+                continue;
+            }
+            let factor = &self.factors[index];
             let residual = &mut residual[..factor.rows()];
             residual.fill(0.0);
             factor.evaluate(values, residual, None);
@@ -200,7 +221,7 @@ impl Problem {
         let next = self.groups.len();
         let index = *self.group_of.entry(TypeId::of::<F>()).or_insert(next);
         if index == next {
-            self.groups.push(Box::new(Typed::<F>(Vec::new())));
+            self.groups.push(Box::new(Typed::<F> { factors: Vec::new(), left_out: Vec::new() }));
         }
         let typed = self.groups[index].any_mut().downcast_mut::<Vec<F>>().expect("the group of this type");
         typed.push(factor);
@@ -216,9 +237,18 @@ impl Problem {
         let next = self.groups.len();
         let index = *self.group_of.entry(TypeId::of::<F>()).or_insert(next);
         if index == next {
-            self.groups.push(Box::new(Typed::<F>(Vec::new())));
+            self.groups.push(Box::new(Typed::<F> { factors: Vec::new(), left_out: Vec::new() }));
         }
         self.groups[index].any_mut().downcast_mut::<Vec<F>>().expect("the group of this type")
+    }
+    /// Leaves factors out, by their numbers: outliers, or ties that a section does without. An empty slice takes all
+    /// of them in again.
+    pub fn leave_out(&mut self, left_out: &[bool]) {
+        let mut next = left_out.iter().copied();
+        for group in &mut self.groups {
+            let count = if left_out.is_empty() { 0 } else { group.len() };
+            group.leave_out(next.by_ref().take(count).collect());
+        }
     }
     /// Gives back memory that was set aside for more factors.
     pub fn shrink(&mut self) {
@@ -239,7 +269,8 @@ impl Problem {
     /// Number of residuals.
     #[must_use]
     pub fn residual_count(&self) -> usize {
-        self.factors().map(Factor::rows).sum()
+        let rows = |g: &dyn Group| (0..g.len()).filter(|i| !g.is_left_out(*i)).map(|i| g.factor(i).rows()).sum::<usize>();
+        self.groups.iter().map(|g| rows(g.as_ref())).sum()
     }
     /// Number of unknowns.
     #[must_use]

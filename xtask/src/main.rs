@@ -18,7 +18,7 @@ enum Task {
     /// Runs every line of a proof; prints name, value, bound, pass or fail; fails if any fails
     Prove {
         /// Which proof
-        #[arg(value_parser = ["strips", "filter", "mobile"])]
+        #[arg(value_parser = ["strips", "filter", "mobile", "graph"])]
         what: String,
         /// Only the lines whose name begins with this
         #[arg(long)]
@@ -29,6 +29,7 @@ enum Task {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
         Task::Prove { what, only } if what == "filter" => prove::filter(only.as_deref()),
+        Task::Prove { what, only } if what == "graph" => prove::graph(only.as_deref()),
         Task::Prove { what, only } if what == "mobile" => prove::mobile(only.as_deref()),
         Task::Prove { only, .. } => prove::strips(only.as_deref()),
     }

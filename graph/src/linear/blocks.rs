@@ -75,6 +75,9 @@ impl Pattern {
                 if index % CHUNK == 0 {
                     chunks.push(pattern.slots.len());
                 }
+                if group.is_left_out(index) {
+                    continue;
+                }
                 let variables = group.factor(index).variables();
                 positions.clear();
                 positions.extend(variables.iter().map(|v| pattern.position[v.index()]));

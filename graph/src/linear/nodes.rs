@@ -130,7 +130,7 @@ fn pairs(problem: &Problem, node_of: &[u32]) -> Vec<u64> {
     let mut nodes: Vec<u32> = Vec::new();
     for group in problem.groups() {
         let mut last = u64::MAX;
-        for index in 0..group.len() {
+        for index in (0..group.len()).filter(|i| !group.is_left_out(*i)) {
             let variables = group.factor(index).variables();
             nodes.clear();
             nodes.extend(variables.iter().map(|v| node_of[v.index()]).filter(|n| *n != NO_NODE));

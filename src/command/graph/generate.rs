@@ -32,6 +32,7 @@ pub(super) fn run(args: &GraphGenerateArgs, common: &Common, out: &mut impl Writ
         memory: args.memory,
         blocks: args.blocks.clone(),
         sigmas: args.sigmas,
+        iterations: args.iterations,
     };
     let outcome = adjust_net(&mut problem, &setup)?;
     let solved = &outcome.solved;
@@ -47,7 +48,10 @@ pub(super) fn run(args: &GraphGenerateArgs, common: &Common, out: &mut impl Writ
         "substitute_s": solved.substitute_s,
         "assemble_s": solved.assemble_s,
         "solve_s": outcome.solve_s,
+        "solve_cpu_s": outcome.solve_cpu_s,
         "covariance_s": outcome.covariance_s,
+        "covariance_cpu_s": outcome.covariance_cpu_s,
+        "resumed_blocks": outcome.resumed_blocks,
         "panel_numbers": outcome.panel_numbers,
         "flops": outcome.flops,
         "total_cpu_s": outcome.total_cpu_s,

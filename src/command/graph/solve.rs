@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use tieline_graph::bowie::{self, BowieOptions, BowieStep};
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::factor::Convention;
 use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
@@ -18,12 +19,15 @@ use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSolveA
 use crate::memory::peak_bytes;
 use crate::net::pose_graph;
 
-/// CPU seconds of this process so far.
+/// CPU seconds of the threads of this process so far.
 fn cpu_s() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or("").split_whitespace().collect();
-    let ticks = |k: usize| fields.get(k).and_then(|f| f.parse::<f64>().ok()).unwrap_or(0.0);
-    (ticks(11) + ticks(12)) / 100.0
+    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0.0 };
+    tasks
+        .filter_map(Result::ok)
+        .filter_map(|task| std::fs::read_to_string(task.path().join("schedstat")).ok())
+        .filter_map(|text| text.split_whitespace().next()?.parse::<f64>().ok())
+        .sum::<f64>()
+        * 1e-9
 }
 
 /// What a solution is told by.
@@ -33,6 +37,10 @@ pub(super) struct Outcome {
     pub(super) solved: Solved,
     /// From the graph in memory to convergence \[s\].
     pub(super) solve_s: f64,
+    /// CPU seconds from the graph in memory to convergence.
+    pub(super) solve_cpu_s: f64,
+    /// CPU seconds for covariances.
+    pub(super) covariance_cpu_s: f64,
     /// CPU seconds of the program.
     pub(super) total_cpu_s: f64,
     /// Where the values began.
@@ -41,6 +49,10 @@ pub(super) struct Outcome {
     pub(super) covariances: Option<Covariances>,
     /// Seconds for them.
     pub(super) covariance_s: f64,
+    /// Groups of blocks taken over from a run that was killed.
+    pub(super) resumed_blocks: usize,
+    /// Junctions and sections of the last step.
+    pub(super) bowie: Option<BowieStep>,
     /// Numbers in the panels.
     pub(super) panel_numbers: usize,
     /// Multiplications of a factorisation.
@@ -60,6 +72,8 @@ pub(super) struct Setup {
     pub(super) blocks: Option<PathBuf>,
     /// Whether sigmas are wanted.
     pub(super) sigmas: bool,
+    /// Most iterations.
+    pub(super) iterations: usize,
 }
 
 impl Setup {
@@ -70,6 +84,7 @@ impl Setup {
             memory: args.memory,
             blocks: args.blocks.clone(),
             sigmas: args.sigmas,
+            iterations: args.iterations,
         }
     }
     /// Settings of the solver.
@@ -78,7 +93,7 @@ impl Setup {
             GraphMethod::Cholesky => Method::Cholesky,
             _ => Method::Helmert,
         };
-        let mut options = SolveOptions { method, kernel, ..SolveOptions::default() };
+        let mut options = SolveOptions { method, kernel, iterations: self.iterations, ..SolveOptions::default() };
         options.partition.leaf_nodes = self.leaf;
         options
     }
@@ -154,9 +169,16 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
 /// # Errors
 /// As the solver's.
 pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initial: GraphInitial) -> Result<Outcome> {
-    let begin = Instant::now();
+    let (begin, cpu) = (Instant::now(), cpu_s());
     let options = setup.options(robust.kernel());
     let initial = first_values(problem, initial, &options)?;
+    if setup.method == GraphMethod::Bowie {
+        let options = BowieOptions::default();
+        let (solved, step) = bowie::solve(problem, &robust.kernel(), &options, setup.iterations)?;
+        let solve_s = begin.elapsed().as_secs_f64();
+        let (solve_cpu_s, total_cpu_s) = (cpu_s() - cpu, cpu_s());
+        return Ok(Outcome { solved, solve_s, solve_cpu_s, total_cpu_s, initial, bowie: Some(step), ..Outcome::default() });
+    }
     let (mut system, _temporary) = setup.system(problem, &options)?;
     let mut solved = robust.solve(problem, &mut system, &options, solve_system)?;
     solved.total_s += system.order_s;
@@ -164,6 +186,7 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
     let mut outcome = Outcome {
         solved,
         solve_s,
+        solve_cpu_s: cpu_s() - cpu,
         initial,
         panel_numbers: system.tree.panel_numbers(),
         flops: system.tree.flops(),
@@ -173,11 +196,13 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
         if options.method_is_reference() {
             bail!("--sigmas needs --method helmert: the reference keeps no blocks to invert");
         }
-        let begin = Instant::now();
+        let (begin, cpu) = (Instant::now(), cpu_s());
         outcome.covariances = Some(covariances(problem, &mut system, &options.kernel, false)?);
         outcome.covariance_s = begin.elapsed().as_secs_f64();
+        outcome.covariance_cpu_s = cpu_s() - cpu;
     }
     if let Some(disk) = system.on_disk() {
+        outcome.resumed_blocks = disk.resumed;
         disk.delete();
     }
     outcome.total_cpu_s = cpu_s();
@@ -238,11 +263,21 @@ fn report(
             "order_s": solved.order_s,
             "factor_s": solved.factor_s,
             "solve_s": outcome.solve_s,
+            "solve_cpu_s": outcome.solve_cpu_s,
             "total_cpu_s": outcome.total_cpu_s,
             "peak_memory_bytes": peak_bytes(),
         });
+        if let Some(step) = &outcome.bowie {
+            value["bowie"] = serde_json::json!({
+                "junctions": step.junctions,
+                "sections": step.sections,
+                "left_out": step.left_out,
+                "passes": step.misclosure.len(),
+            });
+        }
         if let Some(covariances) = &outcome.covariances {
             value["covariance_s"] = outcome.covariance_s.into();
+            value["covariance_cpu_s"] = outcome.covariance_cpu_s.into();
             if args.out.is_none() {
                 let sigmas: serde_json::Map<String, serde_json::Value> = problem
                     .variables()

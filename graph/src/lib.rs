@@ -18,6 +18,7 @@
 //! | [`linear`] | nodes, block normal equations, the reference solver |
 //! | [`helmert`] | Helmert blocking: partition, elimination in memory and on disk, selected inverse |
 //! | [`system`], [`nonlinear`] | from a problem to its solution |
+//! | [`free_net`] | small nets, datum defect, inner constraints |
 //! | [`bowie`] | junctions and sections |
 //! | [`covariance`] | covariances, redundancies, reliability |
 //! | [`initialise`] | first values: chordal rotations, linear translations |
@@ -31,6 +32,7 @@ pub mod basis;
 pub mod bowie;
 pub mod covariance;
 pub mod factor;
+pub mod free_net;
 pub mod georeference;
 pub mod helmert;
 pub mod incremental;

@@ -1,6 +1,8 @@
 //! `graph solve` and `graph generate`.
 
 mod generate;
+mod geodetic;
+mod output;
 mod robust;
 mod solve;
 

@@ -12,7 +12,7 @@ use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
 use tieline_graph::helmert::out_of_core::{self, Disk};
 use tieline_graph::robust::Kernel;
 use tieline_graph::system::{Method, System};
-use tieline_graph::{Problem, initialise};
+use tieline_graph::{Problem, Values, initialise};
 
 use super::robust::{self, Robust};
 use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSolveArgs};
@@ -20,7 +20,7 @@ use crate::memory::peak_bytes;
 use crate::net::pose_graph;
 
 /// CPU seconds of the threads of this process so far.
-fn cpu_s() -> f64 {
+pub(super) fn cpu_s() -> f64 {
     let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0.0 };
     tasks
         .filter_map(Result::ok)
@@ -77,7 +77,7 @@ pub(super) struct Setup {
 }
 
 impl Setup {
-    fn of(args: &GraphSolveArgs) -> Self {
+    pub(super) fn of(args: &GraphSolveArgs) -> Self {
         Self {
             method: args.method,
             leaf: args.leaf,
@@ -140,6 +140,9 @@ pub(super) fn adjust_net(problem: &mut Problem, setup: &Setup) -> Result<Outcome
 /// When a file cannot be read, the graph is not determined, or the output cannot be written.
 pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
     let path = args.files.first().context("name a file")?;
+    if super::geodetic::is_net(path) {
+        return super::geodetic::run(args, common, out);
+    }
     run_pose_graph(path, args, common, out)
 }
 
@@ -155,7 +158,11 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
     };
     let robust = robust::parse(&args.robust)?;
     let mut problem = pose_graph::problem(&graph, convention)?;
+    let before = problem.values.clone();
     let outcome = adjust(&mut problem, &Setup::of(args), robust, args.initial)?;
+    if let Some(folder) = &args.out {
+        super::output::pose_graph(folder, &graph, &before, &problem, outcome.covariances.as_ref())?;
+    }
     let name = match args.convention {
         GraphConvention::Plain => "plain",
         GraphConvention::Log => "log",
@@ -171,6 +178,9 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
 pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initial: GraphInitial) -> Result<Outcome> {
     let (begin, cpu) = (Instant::now(), cpu_s());
     let options = setup.options(robust.kernel());
+    // large nets are not copied for nothing
+    let from_file = if initial == GraphInitial::Auto { problem.values.clone() } else { Values::default() };
+    let wanted = initial;
     let initial = first_values(problem, initial, &options)?;
     if setup.method == GraphMethod::Bowie {
         let options = BowieOptions::default();
@@ -180,7 +190,18 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
         return Ok(Outcome { solved, solve_s, solve_cpu_s, total_cpu_s, initial, bowie: Some(step), ..Outcome::default() });
     }
     let (mut system, _temporary) = setup.system(problem, &options)?;
+    let from_file = (initial == "chordal" && wanted == GraphInitial::Auto).then_some(from_file);
+    let mut initial = initial;
     let mut solved = robust.solve(problem, &mut system, &options, solve_system)?;
+    if let Some(values) = from_file.filter(|_| !solved.converged && options.iterations > 1) {
+        // the better guess is not always in the better basin
+        let (first, first_values) = (solved, std::mem::replace(&mut problem.values, values));
+        solved = robust.solve(problem, &mut system, &options, solve_system)?;
+        initial = "file";
+        if first.cost < solved.cost {
+            (solved, problem.values, initial) = (first, first_values, "chordal");
+        }
+    }
     solved.total_s += system.order_s;
     let solve_s = begin.elapsed().as_secs_f64();
     let mut outcome = Outcome {

@@ -75,6 +75,22 @@ pub struct Solved {
     pub total_s: f64,
 }
 
+impl Solved {
+    /// This run and one after it as one.
+    #[must_use]
+    pub fn then(self, next: Self) -> Self {
+        Self {
+            first_cost: self.first_cost,
+            iterations: self.iterations + next.iterations,
+            factor_s: self.factor_s + next.factor_s,
+            assemble_s: self.assemble_s + next.assemble_s,
+            substitute_s: self.substitute_s + next.substitute_s,
+            total_s: self.total_s + next.total_s,
+            ..next
+        }
+    }
+}
+
 /// Adjusts a problem in place.
 ///
 /// # Errors

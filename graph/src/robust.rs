@@ -51,6 +51,25 @@ impl Kernel {
     }
 }
 
+/// Share of Φ at which DCS begins.
+const DISTRUST: f64 = 0.3;
+
+/// Solves with a kernel; DCS in two stages, the first with a smaller Φ: while the poses are still far off, false edges
+/// that happen to fit bend the graph less, and true ones come in as it straightens.
+///
+/// # Errors
+/// Those of `solve`.
+pub fn in_stages<E>(
+    problem: &mut Problem,
+    kernel: Kernel,
+    mut solve: impl FnMut(&mut Problem, Kernel) -> Result<Solved, E>,
+) -> Result<Solved, E> {
+    let Kernel::Dcs(phi) = kernel else { return solve(problem, kernel) };
+    let first = solve(problem, Kernel::Dcs(DISTRUST * phi))?;
+    let second = solve(problem, kernel)?;
+    Ok(first.then(second))
+}
+
 /// Graduated non-convexity (Yang et al. 2020) with Geman-McClure's kernel: from a cost without local minima to the
 /// kernel of scale `c` sigmas, each stage from the last one's solution.
 ///
@@ -72,15 +91,7 @@ pub fn graduated<E>(
     let mut all = Solved::default();
     loop {
         let stage = solve(problem, Kernel::GemanMcClure(mu * square))?;
-        let before = all;
-        all = Solved {
-            first_cost: if before.iterations == 0 { stage.first_cost } else { before.first_cost },
-            iterations: before.iterations + stage.iterations,
-            factor_s: before.factor_s + stage.factor_s,
-            substitute_s: before.substitute_s + stage.substitute_s,
-            total_s: before.total_s + stage.total_s,
-            ..stage
-        };
+        all = if all.iterations == 0 { stage } else { all.then(stage) };
         if mu <= 1.0 {
             return Ok(all);
         }

@@ -8,7 +8,6 @@
 //! | [`vector`] | prior, random walk, constant bias, linear row, on variables that are plain numbers |
 //! | [`terrestrial`] | distance, direction, angle, azimuth, levelled height difference, coordinates |
 //! | [`baseline`] | GNSS baselines and clusters of correlated ones |
-//! | [`vehicle`] | odometry with heading rate and misalignment |
 pub mod baseline;
 pub mod check;
 pub mod pose2;

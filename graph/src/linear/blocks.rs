@@ -241,6 +241,28 @@ impl Pattern {
     #[must_use]
     pub fn multiply(&self, numbers: &[f64], vector: &[f64]) -> Vec<f64> {
         let mut product = vec![0.0; self.scalars];
+        self.each(numbers, |row, column, value| product[row] += value * vector[column]);
+        product
+    }
+
+    /// `right` less the product of the normal matrix and a vector, summed in twice the precision (Dekker 1971).
+    #[must_use]
+    pub fn misclosure(&self, numbers: &[f64], right: &[f64], vector: &[f64]) -> Vec<f64> {
+        let mut sums: Vec<(f64, f64)> = right.iter().map(|r| (*r, 0.0)).collect();
+        self.each(numbers, |row, column, value| {
+            let product = -value * vector[column];
+            let product_error = (-value).mul_add(vector[column], -product);
+            let (sum, small) = sums[row];
+            let next = sum + product;
+            let back = next - sum;
+            let sum_error = (sum - (next - back)) + (product - back);
+            sums[row] = (next, small + sum_error + product_error);
+        });
+        sums.iter().map(|(sum, small)| sum + small).collect()
+    }
+
+    /// Hands every number of the whole matrix over: row, column, value.
+    fn each(&self, numbers: &[f64], mut take: impl FnMut(usize, usize, f64)) {
         let mut first = 0;
         let starts: Vec<usize> = (0..self.height.len())
             .map(|p| {
@@ -262,14 +284,13 @@ impl Pattern {
             for (c, column) in numbers[range].chunks_exact(rows).enumerate() {
                 let at = starts[p] + c;
                 for (r, value) in column.iter().enumerate().skip(c) {
-                    product[rows_of[r]] += value * vector[at];
+                    take(rows_of[r], at, *value);
                     if r != c {
-                        product[at] += value * vector[rows_of[r]];
+                        take(at, rows_of[r], *value);
                     }
                 }
             }
         }
-        product
     }
 
     /// Normal equations at the given values.

@@ -177,7 +177,7 @@ pub fn parse_measurements(text: &str, net: &mut Network) -> Result<(), Fault> {
 fn triple(at: usize, line: &str, count: usize) -> Result<[f64; 3], Fault> {
     let mut row = [0.0; 3];
     for (k, value) in row.iter_mut().enumerate().take(count) {
-        *value = number(at, "covariance", field(line, 82 + 19 * k, 101 + 19 * k))?;
+        *value = number(at, "covariance", field(line, 82 + 20 * k, 102 + 20 * k))?;
     }
     Ok(row)
 }
@@ -234,11 +234,11 @@ fn close(cluster: Open) -> Result<Observation, Fault> {
         .members
         .into_iter()
         .map(|(a, b, v)| {
-            // coordinate frame rotation, as the manual has it
+            // stations move with the plate: position vector rotation, forward in time
             let turned = if cluster.kind == 'Y' && w == [0.0; 3] {
                 v
             } else {
-                [v[0] + w[2] * v[1] - w[1] * v[2], v[1] - w[2] * v[0] + w[0] * v[2], v[2] + w[1] * v[0] - w[0] * v[1]]
+                [v[0] - w[2] * v[1] + w[1] * v[2], v[1] + w[2] * v[0] - w[0] * v[2], v[2] - w[1] * v[0] + w[0] * v[1]]
             };
             (a, b, turned)
         })

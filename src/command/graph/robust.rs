@@ -60,7 +60,9 @@ impl Robust {
         solve: impl Fn(&mut Problem, &mut System, &SolveOptions) -> Result<Solved, SystemError>,
     ) -> Result<Solved, SystemError> {
         match self {
-            Self::Kernel(_) => solve(problem, system, options),
+            Self::Kernel(kernel) => tieline_graph::robust::in_stages(problem, kernel, |problem, kernel| {
+                solve(problem, system, &SolveOptions { kernel, ..options.clone() })
+            }),
             Self::Gnc(c) => tieline_graph::robust::graduated(problem, c, |problem, kernel| {
                 solve(problem, system, &SolveOptions { kernel, ..options.clone() })
             }),

@@ -89,9 +89,10 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 8] = [
+    let proofs: [(&str, Proof); 9] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
+        ("1 known nets", graph::nets),
         ("2 Helmert blocking is exact", graph::blocking),
         ("3 speed of pose graphs", graph::speed),
         ("4 size", graph::scale),

@@ -2,6 +2,7 @@
 
 mod blocking;
 mod junctions;
+mod nets;
 mod outliers;
 mod pose_graphs;
 mod scale;
@@ -13,6 +14,7 @@ use anyhow::{Context, Result, ensure};
 
 pub(crate) use blocking::rows as blocking;
 pub(crate) use junctions::rows as junctions;
+pub(crate) use nets::rows as nets;
 pub(crate) use outliers::rows as outliers;
 pub(crate) use pose_graphs::{chi2, marginals, sigmas, speed};
 pub(crate) use scale::rows as scale;

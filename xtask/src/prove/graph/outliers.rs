@@ -4,7 +4,7 @@ use anyhow::Result;
 use tieline::net::pose_graph;
 use tieline_graph::factor::Convention;
 use tieline_graph::nonlinear::{SolveOptions, solve};
-use tieline_graph::robust::Kernel;
+use tieline_graph::robust::{Kernel, in_stages};
 use tieline_graph::{Problem, Values, VariableId};
 use tieline_io::pose_graph::{Edge, Measured, PoseGraph};
 use tieline_simulate::net::false_loops;
@@ -21,7 +21,7 @@ fn distance_m(a: &Values, b: &Values) -> f64 {
 
 fn solved(graph: &PoseGraph, kernel: Kernel) -> Result<Problem> {
     let mut problem = pose_graph::problem(graph, Convention::Plain)?;
-    solve(&mut problem, &SolveOptions { kernel, ..SolveOptions::default() })?;
+    in_stages(&mut problem, kernel, |problem, kernel| solve(problem, &SolveOptions { kernel, ..SolveOptions::default() }))?;
     Ok(problem)
 }
 

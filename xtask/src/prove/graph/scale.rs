@@ -34,7 +34,7 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
     ));
     rows.push(Row::at_most("270,400 stations: peak resident memory", bytes / GB, 1.3, "GB"));
     rows.push(Row::at_most("270,400 stations: multiplications and additions", flops / 1e9, 1e3, "G"));
-    let disk = net("270400", "directions", &["--memory", "60"])?;
+    let disk = net("270400", "directions", &["--memory", "120"])?;
     rows.push(Row::at_most("270,400 stations out of core: peak resident memory", number(&disk, "peak_memory_bytes") / GB, 0.3, "GB"));
     let ratio = number(&disk, "solve_cpu_s") / seconds;
     rows.push(Row::at_most("270,400 stations out of core: CPU over in core", ratio, 2.0, ""));

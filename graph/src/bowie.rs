@@ -260,8 +260,8 @@ pub fn solve(
         }
     }
     solved.cost = cost;
-    solved.degrees_of_freedom =
-        i64::try_from(problem.residual_count()).unwrap_or(i64::MAX) - i64::try_from(problem.unknown_count()).unwrap_or(0);
+    solved.degrees_of_freedom = i64::try_from(problem.residual_count()).unwrap_or(i64::MAX)
+        - i64::try_from(problem.unknown_count()).unwrap_or(0);
     solved.total_s = begin.elapsed().as_secs_f64();
     Ok((solved, last))
 }

@@ -93,11 +93,8 @@ pub fn selected(problem: &Problem, system: &System, checks: bool) -> Result<Cova
         result.starts.push(result.starts[id.index()] + n * n);
     }
     result.numbers = vec![0.0; result.starts[problem.values.len()]];
-    let mut of_scalar: Vec<(u32, VariableId)> = problem
-        .variables()
-        .filter(|v| !problem.is_fixed(*v))
-        .map(|v| (system.pattern.scalar[v.index()], v))
-        .collect();
+    let mut of_scalar: Vec<(u32, VariableId)> =
+        problem.variables().filter(|v| !problem.is_fixed(*v)).map(|v| (system.pattern.scalar[v.index()], v)).collect();
     of_scalar.sort_unstable_by_key(|(s, _)| *s);
     let factors = if checks { by_block(problem, system) } else { Vec::new() };
     let list: Vec<&dyn Factor> = if checks { problem.factors().collect() } else { Vec::new() };

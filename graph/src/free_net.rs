@@ -42,7 +42,9 @@ pub enum FreeNetError {
     #[error(transparent)]
     System(#[from] SystemError),
     /// Too large.
-    #[error("the datum of a net of {unknowns} unknowns is free; hold stations: free nets are solved up to {MOST_UNKNOWNS}")]
+    #[error(
+        "the datum of a net of {unknowns} unknowns is free; hold stations: free nets are solved up to {MOST_UNKNOWNS}"
+    )]
     TooLarge {
         /// Unknowns.
         unknowns: usize,
@@ -59,7 +61,9 @@ pub enum FreeNetError {
         name: String,
     },
     /// Not converged.
-    #[error("the net does not converge in {iterations} iterations; look for mistakes in its observations and coordinates")]
+    #[error(
+        "the net does not converge in {iterations} iterations; look for mistakes in its observations and coordinates"
+    )]
     NotConverged {
         /// Iterations.
         iterations: usize,
@@ -72,7 +76,12 @@ pub enum FreeNetError {
 /// [`FreeNetError`].
 #[allow(clippy::cast_possible_wrap)]
 pub fn solve(problem: &mut Problem, datum: &[(VariableId, usize)]) -> Result<FreeNet, FreeNetError> {
-    let system = System::new(problem, Order::MinimumDegree, crate::helmert::partition::PartitionOptions::default(), Method::Helmert)?;
+    let system = System::new(
+        problem,
+        Order::MinimumDegree,
+        crate::helmert::partition::PartitionOptions::default(),
+        Method::Helmert,
+    )?;
     let n = system.scalars();
     if n > MOST_UNKNOWNS {
         return Err(FreeNetError::TooLarge { unknowns: n });
@@ -129,12 +138,8 @@ fn scaled(problem: &Problem, system: &System) -> (DMatrix<f64>, DVector<f64>, Ve
     let n = system.scalars();
     let mut normal = Normal::default();
     system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
-    let scale: Vec<f64> = system
-        .pattern
-        .diagonal(&normal.numbers)
-        .iter()
-        .map(|d| if *d > 0.0 { 1.0 / d.sqrt() } else { 1.0 })
-        .collect();
+    let scale: Vec<f64> =
+        system.pattern.diagonal(&normal.numbers).iter().map(|d| if *d > 0.0 { 1.0 / d.sqrt() } else { 1.0 }).collect();
     let mut matrix = DMatrix::zeros(n, n);
     let mut unit = vec![0.0; n];
     for c in 0..n {

@@ -17,8 +17,7 @@ const PIECE: usize = 50;
 /// # Errors
 /// [`SystemError`].
 pub fn start(problem: &mut Problem, options: &SolveOptions) -> Result<(), SystemError> {
-    let poses: Vec<VariableId> =
-        problem.variables().filter(|v| problem.values.kind(*v) == Kind::Pose2).collect();
+    let poses: Vec<VariableId> = problem.variables().filter(|v| problem.values.kind(*v) == Kind::Pose2).collect();
     let mut placed = vec![false; problem.values.len()];
     for id in problem.variables().filter(|v| problem.is_fixed(*v)) {
         placed[id.index()] = true;

@@ -116,8 +116,7 @@ fn rotations_in_space(problem: &Problem, values: &mut Values) -> Result<(), Syst
     hold_untouched(&mut shadow);
     let options = linear_options();
     let mut system = System::new(&shadow, options.order, options.partition, options.method.clone())?;
-    let matrices: Vec<Matrix3<f64>> =
-        problem.variables().map(|id| rotation_or_identity(problem, id)).collect();
+    let matrices: Vec<Matrix3<f64>> = problem.variables().map(|id| rotation_or_identity(problem, id)).collect();
     let mut rows: Vec<Vec<[f64; 3]>> = Vec::new();
     let mut normal = Normal::default();
     for row in 0..3 {
@@ -230,7 +229,8 @@ fn relations<const N: usize>(problem: &Problem, values: &Values) -> Vec<Relation
 }
 
 fn root<const N: usize>(information: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    let as_three = Matrix3::from_fn(|i, j| if i < N && j < N { information[(i, j)] } else { f64::from(u8::from(i == j)) });
+    let as_three =
+        Matrix3::from_fn(|i, j| if i < N && j < N { information[(i, j)] } else { f64::from(u8::from(i == j)) });
     let root = square_root(&as_three).unwrap_or_else(|_| Matrix3::identity());
     SMatrix::from_fn(|i, j| root[(i, j)])
 }

@@ -6,8 +6,8 @@ use crate::helmert::partition::PartitionOptions;
 use crate::linear::blocks::Normal;
 use crate::problem::Problem;
 use crate::robust::Kernel;
-use crate::variable::Values;
 use crate::system::{Method, Order, System, SystemError};
+use crate::variable::Values;
 
 /// Settings of the adjustment.
 #[derive(Debug, Clone)]
@@ -78,6 +78,7 @@ pub struct Solved {
 impl Solved {
     /// This run and one after it as one.
     #[must_use]
+    #[allow(clippy::needless_pass_by_value)] // what follows takes its place
     pub fn then(self, next: Self) -> Self {
         Self {
             first_cost: self.first_cost,
@@ -106,11 +107,7 @@ pub fn solve(problem: &mut Problem, options: &SolveOptions) -> Result<Solved, Sy
 ///
 /// # Errors
 /// [`SystemError`].
-pub fn solve_system(
-    problem: &mut Problem,
-    system: &mut System,
-    options: &SolveOptions,
-) -> Result<Solved, SystemError> {
+pub fn solve_system(problem: &mut Problem, system: &mut System, options: &SolveOptions) -> Result<Solved, SystemError> {
     // taken out, not copied: large nets are many numbers
     let mut values = std::mem::take(&mut problem.values);
     let solved = iterate(problem, &mut values, system, options);

@@ -217,7 +217,10 @@ impl Problem {
     /// When it is longer than [`MAX_ROWS`] or wider than [`MAX_COLUMNS`], or names a variable that does not exist.
     pub fn add<F: Factor>(&mut self, factor: F) {
         let columns: usize = factor.variables().iter().map(|v| self.values.kind(*v).dimension()).sum();
-        assert!(factor.rows() <= MAX_ROWS && columns <= MAX_COLUMNS && factor.variables().len() <= MAX_VARIABLES, "a factor of this size");
+        assert!(
+            factor.rows() <= MAX_ROWS && columns <= MAX_COLUMNS && factor.variables().len() <= MAX_VARIABLES,
+            "a factor of this size"
+        );
         let next = self.groups.len();
         let index = *self.group_of.entry(TypeId::of::<F>()).or_insert(next);
         if index == next {
@@ -233,6 +236,9 @@ impl Problem {
         group.and_then(|g| g.any().downcast_ref::<Vec<F>>()).map_or(&[], Vec::as_slice)
     }
     /// Factors of one type, to be changed.
+    ///
+    /// # Panics
+    /// Never: a group holds factors of its own type.
     pub fn factors_of_mut<F: Factor>(&mut self) -> &mut Vec<F> {
         let next = self.groups.len();
         let index = *self.group_of.entry(TypeId::of::<F>()).or_insert(next);
@@ -269,7 +275,8 @@ impl Problem {
     /// Number of residuals.
     #[must_use]
     pub fn residual_count(&self) -> usize {
-        let rows = |g: &dyn Group| (0..g.len()).filter(|i| !g.is_left_out(*i)).map(|i| g.factor(i).rows()).sum::<usize>();
+        let rows =
+            |g: &dyn Group| (0..g.len()).filter(|i| !g.is_left_out(*i)).map(|i| g.factor(i).rows()).sum::<usize>();
         self.groups.iter().map(|g| rows(g.as_ref())).sum()
     }
     /// Number of unknowns.

@@ -62,7 +62,9 @@ pub enum SystemError {
     #[error("nothing to adjust: no variable is free")]
     Empty,
     /// An observation that gives no number.
-    #[error("the equations hold values that are not numbers, first at `{name}`; look at its coordinates and observations")]
+    #[error(
+        "the equations hold values that are not numbers, first at `{name}`; look at its coordinates and observations"
+    )]
     NotFinite {
         /// Name of the variable.
         name: String,
@@ -114,8 +116,7 @@ impl System {
         }
         let tree = tree(problem, &graph, order, options);
         let pattern = Pattern::new(problem, &graph, &tree)?;
-        let reference =
-            if matches!(method, Method::Cholesky) { Some(Reference::new(&tree, &pattern)) } else { None };
+        let reference = if matches!(method, Method::Cholesky) { Some(Reference::new(&tree, &pattern)) } else { None };
         let mut variable_of: Vec<(u32, u32)> =
             problem.variables().filter(|v| !problem.is_fixed(*v)).map(|v| (pattern.scalar[v.index()], v.0)).collect();
         variable_of.sort_unstable();
@@ -185,7 +186,9 @@ impl System {
         let factored = match (&self.method, &self.reference) {
             (Method::Cholesky, Some(reference)) => {
                 let solved = reference.solve(numbers, right);
-                return solved.map(|()| (begin.elapsed().as_secs_f64(), 0.0)).map_err(|s| self.not_determined(problem, s));
+                return solved
+                    .map(|()| (begin.elapsed().as_secs_f64(), 0.0))
+                    .map_err(|s| self.not_determined(problem, s));
             }
             (Method::HelmertOnDisk(disk), _) => match DiskFactorisation::factorise(disk, &equations, right)? {
                 Ok(on_disk) => {

@@ -6,6 +6,7 @@ use tieline_graph::factor::baseline::{Baseline, Cluster};
 use tieline_graph::factor::check::derivative_error;
 use tieline_graph::factor::pose2::{Between2, Prior2, RangeBearing, Sighting2};
 use tieline_graph::factor::pose3::{Between3, Motion, PointTie, Prior3, Sighting3, SurfaceLine};
+use tieline_graph::factor::strip_tie::{StripEnd, StripTie};
 use tieline_graph::factor::terrestrial::{Angle, Azimuth, Direction, Distance, HeightDifference, Known};
 use tieline_graph::factor::vector::{Linear, RandomWalk, ScalarPrior, VectorPrior};
 use tieline_graph::factor::{Convention, Factor};
@@ -80,6 +81,23 @@ proptest! {
         check(&SurfaceLine::new([a, b], bodies, axis, 0.3), &values);
         check(&Known::<3>::new(a, [v[3], v[4], v[5]], &Matrix3::identity()).unwrap(), &values);
         let _ = Rotation3::<f64>::identity();
+    }
+
+    #[test]
+    fn of_strips(v in prop::collection::vec(-0.03..0.03, 64)) {
+        let mut values = Values::default();
+        for k in 0..8 {
+            values.push(Kind::Vector(6), &v[6 * k..6 * k + 6]);
+        }
+        let calibration = values.push(Kind::Vector(6), &v[48..54]);
+        let end = |knot: u32, heading_rad: f64, x: f64| StripEnd {
+            first_knot: VariableId(knot),
+            weights: [0.1, 0.5, 0.3, 0.1],
+            heading_rad,
+            body_m: Vector3::new(x, 3.0, -8.0),
+        };
+        let normal = Vector3::new(v[60], v[61], 1.0).normalize();
+        check(&StripTie::new([end(0, 0.3, 1.0), end(4, 3.0, -2.0)], calibration, normal, 0.1, 0.5), &values);
     }
 
     #[test]

@@ -23,6 +23,7 @@
 //! | [`survey`] | echoes: true and delivered point, block by block, the same for any number of threads |
 //! | [`output`] | the files |
 //! | [`drive`] | drives of a mobile mapping system through streets |
+//! | [`block`] | blocks of strips with ties, for scale tests |
 //! | [`net`] | geodetic nets, false loop edges |
 //! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
@@ -37,6 +38,7 @@
 //! ```
 
 mod any;
+pub mod block;
 pub mod drive;
 mod error;
 pub mod flight;

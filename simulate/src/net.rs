@@ -65,8 +65,7 @@ pub fn simulate_net(stations: usize, kind: NetKind, seed: u64) -> (SimulatedNet,
         })
         .collect();
     let last = side - 1;
-    let control =
-        vec![index(0, 0), index(0, last), index(last, 0), index(last, last), index(side / 2, side / 2)];
+    let control = vec![index(0, 0), index(0, last), index(last, 0), index(last, last), index(side / 2, side / 2)];
     let off = if kind == NetKind::Baselines { 0.3 } else { 0.0 };
     let mut approximate_m: Vec<Vector3<f64>> = truth
         .iter()

@@ -31,7 +31,8 @@ impl GeodeticNet {
     /// When a station has no coordinates and no observation gives any, or roles are mixed in a way that is not
     /// supported.
     pub fn new(net: Network) -> Result<Self> {
-        let mut this = Self { problem: Problem::new(), places: Vec::new(), heights: Vec::new(), datum: Vec::new(), net };
+        let mut this =
+            Self { problem: Problem::new(), places: Vec::new(), heights: Vec::new(), datum: Vec::new(), net };
         this.stations()?;
         this.observations()?;
         Ok(this)
@@ -68,7 +69,10 @@ impl GeodeticNet {
             } else {
                 if x != Role::None || y != Role::None {
                     let Some(p) = place else {
-                        bail!("station `{}` has no coordinates, and the observations give none: add x and y", station.name);
+                        bail!(
+                            "station `{}` has no coordinates, and the observations give none: add x and y",
+                            station.name
+                        );
                     };
                     let id = self.problem.add_variable(Kind::Point2, &[p.x, p.y]);
                     self.role(id, &station.name, &[x, y])?;
@@ -109,13 +113,18 @@ impl GeodeticNet {
     fn place(&self, station: usize) -> Result<VariableId> {
         match self.places[station] {
             Some(id) => Ok(id),
-            None => bail!("station `{}` is observed but neither fixed nor adjusted in x and y", self.net.stations[station].name),
+            None => bail!(
+                "station `{}` is observed but neither fixed nor adjusted in x and y",
+                self.net.stations[station].name
+            ),
         }
     }
     fn height(&self, station: usize) -> Result<VariableId> {
         match self.heights[station] {
             Some(id) => Ok(id),
-            None => bail!("station `{}` is levelled but neither fixed nor adjusted in z", self.net.stations[station].name),
+            None => {
+                bail!("station `{}` is levelled but neither fixed nor adjusted in z", self.net.stations[station].name)
+            }
         }
     }
 
@@ -177,15 +186,14 @@ impl GeodeticNet {
         Ok(())
     }
 
-    fn cluster(
-        &mut self,
-        members: &[(Option<usize>, usize, [f64; 3])],
-        covariance: &[f64],
-        sign: f64,
-    ) -> Result<()> {
+    fn cluster(&mut self, members: &[(Option<usize>, usize, [f64; 3])], covariance: &[f64], sign: f64) -> Result<()> {
         let n = 3 * members.len();
         if n > tieline_graph::problem::MAX_ROWS {
-            bail!("a cluster of {} members is larger than the {} that are supported", members.len(), tieline_graph::problem::MAX_ROWS / 3);
+            bail!(
+                "a cluster of {} members is larger than the {} that are supported",
+                members.len(),
+                tieline_graph::problem::MAX_ROWS / 3
+            );
         }
         let flip = |k: usize| if k % 3 == 1 { sign } else { 1.0 };
         let matrix = DMatrix::from_fn(n, n, |r, c| covariance[r * n + c] * flip(r) * flip(c));

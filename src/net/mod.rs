@@ -4,3 +4,4 @@ pub mod approximate;
 pub mod geodetic;
 pub mod pose_graph;
 pub mod simulated;
+pub mod strip_block;

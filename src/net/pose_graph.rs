@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result, bail};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use tieline_graph::factor::Convention;
 use tieline_graph::factor::pose2::{Between2, Prior2, Sighting2};
 use tieline_graph::factor::pose3::{Between3, Motion, Prior3, Sighting3};
 use tieline_graph::factor::terrestrial::Known;
-use tieline_graph::factor::Convention;
 use tieline_graph::linear::nodes::NodeGraph;
 use tieline_graph::system::SystemError;
 use tieline_graph::{Kind, Problem, VariableId};
@@ -50,7 +50,13 @@ pub fn problem(graph: &PoseGraph, convention: Convention) -> Result<Problem> {
     for edge in &graph.edges {
         let ids = edge.vertices.map(|v| VariableId(u32::try_from(v).unwrap_or(u32::MAX)));
         let tie = is_loop(graph, edge.vertices);
-        let name = || format!("the edge from {} to {}", problem_name(graph, edge.vertices[0]), problem_name(graph, edge.vertices[1]));
+        let name = || {
+            format!(
+                "the edge from {} to {}",
+                problem_name(graph, edge.vertices[0]),
+                problem_name(graph, edge.vertices[1])
+            )
+        };
         match &edge.measured {
             Measured::Between2(m, w) => {
                 let factor = Between2::new(ids, *m, &full::<3>(w), convention).with_context(name)?;
@@ -160,4 +166,3 @@ pub fn take_values(graph: &mut PoseGraph, from: &PoseGraph) {
         }
     }
 }
-

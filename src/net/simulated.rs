@@ -36,7 +36,11 @@ pub fn problem(net: &SimulatedNet) -> Problem {
                 let sum = &mut oriented[from as usize];
                 *sum = (sum.0 + sin, sum.1 + cos);
                 let orientation = VariableId(2 * from + 1);
-                problem.add(Direction::new([station(from), station(to), orientation], reading_rad, DIRECTION_SIGMA_RAD));
+                problem.add(Direction::new(
+                    [station(from), station(to), orientation],
+                    reading_rad,
+                    DIRECTION_SIGMA_RAD,
+                ));
             }
             NetObservation::Distance(from, to, length_m, sigma_m) => {
                 problem.add(Distance::new([station(from), station(to)], length_m, sigma_m));

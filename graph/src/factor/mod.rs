@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`pose2`], [`pose3`] | prior, between, sightings of landmarks, in the plane and in space |
 //! | [`vector`] | prior, random walk, constant bias, linear row, on variables that are plain numbers |
+//! | [`strip_tie`] | surface lines of strips with spline corrections and calibration |
 //! | [`terrestrial`] | distance, direction, angle, azimuth, levelled height difference, coordinates |
 //! | [`baseline`] | GNSS baselines and clusters of correlated ones |
 pub mod baseline;
@@ -13,6 +14,7 @@ pub mod check;
 pub mod pose2;
 pub mod pose3;
 
+pub mod strip_tie;
 pub mod terrestrial;
 pub mod vector;
 

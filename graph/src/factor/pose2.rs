@@ -84,17 +84,8 @@ impl Factor for Between2 {
             let ta = -(left * perpendicular(&d)) - by_angle;
             let jb = left * turn(relative);
             let first = Matrix3::new(ja[(0, 0)], ja[(0, 1)], ta.x, ja[(1, 0)], ja[(1, 1)], ta.y, 0.0, 0.0, -1.0);
-            let second = Matrix3::new(
-                jb[(0, 0)],
-                jb[(0, 1)],
-                by_angle.x,
-                jb[(1, 0)],
-                jb[(1, 1)],
-                by_angle.y,
-                0.0,
-                0.0,
-                1.0,
-            );
+            let second =
+                Matrix3::new(jb[(0, 0)], jb[(0, 1)], by_angle.x, jb[(1, 0)], jb[(1, 1)], by_angle.y, 0.0, 0.0, 1.0);
             put(jacobian, 6, 0, &(self.root * first));
             put(jacobian, 6, 3, &(self.root * second));
         }

@@ -312,8 +312,10 @@ impl Factor for SurfaceLine {
         residual[0] = self.weight * self.normal.dot(&(place(0) - place(1)));
         if let Some(jacobian) = jacobian {
             for (k, sign) in [(0, 1.0), (1, -1.0)] {
-                let row: SMatrix<f64, 1, 3> =
-                    sign * self.weight * self.normal.transpose() * values.rotation(self.ids[k]).to_rotation_matrix().matrix();
+                let row: SMatrix<f64, 1, 3> = sign
+                    * self.weight
+                    * self.normal.transpose()
+                    * values.rotation(self.ids[k]).to_rotation_matrix().matrix();
                 put(jacobian, 12, 6 * k, &row);
                 put(jacobian, 12, 6 * k + 3, &(-row * cross(&self.body_m[k])));
             }

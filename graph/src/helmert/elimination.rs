@@ -25,7 +25,8 @@ pub fn minimum_degree(graph: &NodeGraph) -> Vec<Draft> {
 /// Minimum-degree order of the nodes that are not global, then the global ones.
 fn order(graph: &NodeGraph) -> Vec<u32> {
     let count = graph.len();
-    let locals: Vec<u32> = (0..u32::try_from(count).unwrap_or(u32::MAX)).filter(|n| !graph.global[*n as usize]).collect();
+    let locals: Vec<u32> =
+        (0..u32::try_from(count).unwrap_or(u32::MAX)).filter(|n| !graph.global[*n as usize]).collect();
     let mut local_of = vec![usize::MAX; count];
     for (k, node) in locals.iter().enumerate() {
         local_of[*node as usize] = k;
@@ -97,7 +98,8 @@ fn blocks(graph: &NodeGraph, order: &[u32]) -> Vec<Draft> {
         let boundary: usize = mine.iter().map(|q| dimension(*q)).sum();
         let own = dimension(p as u32);
         // one child whose structure is this column and nothing else than this column's: the same block
-        let same = children.iter().map(|c| block_of[*c as usize]).find(|b| supers[*b].boundary_scalars == boundary + own);
+        let same =
+            children.iter().map(|c| block_of[*c as usize]).find(|b| supers[*b].boundary_scalars == boundary + own);
         if let Some(block) = same {
             let s = &mut supers[block];
             s.own.push(order[p]);

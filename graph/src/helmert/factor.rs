@@ -180,7 +180,8 @@ impl Equations<'_> {
                 let mut next = own;
                 for (local, count) in &places {
                     let (local, count) = (*local as usize, *count as usize);
-                    let to = if local < k { &mut top[local..local + count] } else { &mut low[local - k..local - k + count] };
+                    let to =
+                        if local < k { &mut top[local..local + count] } else { &mut low[local - k..local - k + count] };
                     to.copy_from_slice(&from[next..next + count]);
                     next += count;
                 }

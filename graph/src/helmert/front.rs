@@ -31,7 +31,13 @@ pub fn triangle(own: usize) -> usize {
 ///
 /// # Errors
 /// The own column whose pivot is not positive.
-pub fn eliminate(top: &mut [f64], low: &mut [f64], square: &mut [f64], own: usize, boundary: usize) -> Result<(), usize> {
+pub fn eliminate(
+    top: &mut [f64],
+    low: &mut [f64],
+    square: &mut [f64],
+    own: usize,
+    boundary: usize,
+) -> Result<(), usize> {
     if own == 0 {
         return Ok(());
     }

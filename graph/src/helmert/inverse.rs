@@ -42,9 +42,8 @@ pub fn visit_inverse<'a, E>(
     mut visit: impl FnMut(usize, &BlockInverse),
 ) -> Result<(), E> {
     let mut kept: Vec<Option<BlockInverse>> = vec![None; tree.blocks.len()];
-    let mut waiting: Vec<u32> = (0..tree.blocks.len())
-        .map(|b| u32::try_from(tree.children(b).len()).unwrap_or(u32::MAX))
-        .collect();
+    let mut waiting: Vec<u32> =
+        (0..tree.blocks.len()).map(|b| u32::try_from(tree.children(b).len()).unwrap_or(u32::MAX)).collect();
     for index in (0..tree.blocks.len()).rev() {
         let parent = tree.blocks[index].parent;
         let boundary = if parent == NONE {

@@ -83,8 +83,8 @@ impl Checksum {
     fn add(&mut self, numbers: &[f64]) {
         let mut chunks = numbers.chunks_exact(4);
         for chunk in &mut chunks {
-            for k in 0..4 {
-                self.0[k] = mix(self.0[k], chunk[k].to_bits());
+            for (lane, value) in self.0.iter_mut().zip(chunk) {
+                *lane = mix(*lane, value.to_bits());
             }
         }
         for value in chunks.remainder() {
@@ -188,13 +188,7 @@ impl DiskFactorisation {
     }
 
     /// Writes a group: beside its name first, then under it.
-    fn write(
-        &self,
-        index: usize,
-        panels: &[f64],
-        right: &[f64],
-        update: &Update,
-    ) -> Result<(), DiskError> {
+    fn write(&self, index: usize, panels: &[f64], right: &[f64], update: &Update) -> Result<(), DiskError> {
         let path = self.path(index);
         let beside = path.with_extension("part");
         let write = || -> std::io::Result<()> {

@@ -102,8 +102,7 @@ impl Tree {
         }
         scalar_start.push(scalars);
         let (child_starts, children) = children(&blocks);
-        let mut tree =
-            Self { order, position, scalar_start, blocks, boundary: Vec::new(), child_starts, children };
+        let mut tree = Self { order, position, scalar_start, blocks, boundary: Vec::new(), child_starts, children };
         tree.find_boundaries(graph);
         tree
     }

@@ -66,8 +66,7 @@ impl Pattern {
     #[allow(clippy::cast_possible_truncation)] // counted in u32, checked at the end
     pub fn new(problem: &Problem, graph: &NodeGraph, tree: &Tree) -> Result<Self, TooLarge> {
         let mut pattern = Self::of_graph(graph, tree)?;
-        pattern.dimension =
-            problem.variables().map(|v| problem.values.kind(v).dimension() as u8).collect();
+        pattern.dimension = problem.variables().map(|v| problem.values.kind(v).dimension() as u8).collect();
         let mut positions: Vec<u32> = Vec::new();
         for group in problem.groups() {
             let mut chunks = Vec::with_capacity(group.len() / CHUNK + 2);

@@ -1,7 +1,9 @@
 //! The reference: faer's sparse Cholesky of the same normal equations on the same order of elimination.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::linalg::cholesky::{CholeskySymbolicParams, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky};
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
@@ -64,7 +66,7 @@ impl Reference {
             parameters,
         )
         .map_err(|_| Singular { scalar: 0 })?;
-        Ok(Self { starts, rows, source, symbolic: symbolic, scalars })
+        Ok(Self { starts, rows, source, symbolic, scalars })
     }
 
     /// Factorises and solves for one right-hand side, in place.
@@ -73,8 +75,7 @@ impl Reference {
     /// [`Singular`].
     pub fn solve(&self, numbers: &[f64], right: &mut [f64]) -> Result<(), Singular> {
         let values: Vec<f64> = self.source.iter().map(|s| numbers[*s as usize]).collect();
-        let pattern =
-            SymbolicSparseColMatRef::new_checked(self.scalars, self.scalars, &self.starts, None, &self.rows);
+        let pattern = SymbolicSparseColMatRef::new_checked(self.scalars, self.scalars, &self.starts, None, &self.rows);
         let matrix = SparseColMatRef::new(pattern, &values);
         let mut panels = vec![0.0; self.symbolic.len_val()];
         let scratch = self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());

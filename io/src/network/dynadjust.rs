@@ -50,11 +50,7 @@ fn earth_fixed(latitude: f64, longitude: f64, height_m: f64) -> [f64; 3] {
     let e2 = F * (2.0 - F);
     let (sin, cos) = latitude.sin_cos();
     let n = A_M / (1.0 - e2 * sin * sin).sqrt();
-    [
-        (n + height_m) * cos * longitude.cos(),
-        (n + height_m) * cos * longitude.sin(),
-        (n * (1.0 - e2) + height_m) * sin,
-    ]
+    [(n + height_m) * cos * longitude.cos(), (n + height_m) * cos * longitude.sin(), (n * (1.0 - e2) + height_m) * sin]
 }
 
 /// Reads the text of a station file.
@@ -85,7 +81,9 @@ pub fn parse_stations(text: &str) -> Result<Network, Fault> {
         let xyz = match kind {
             "LLH" | "LLh" => earth_fixed(packed_degrees(v[0]), packed_degrees(v[1]), v[2]),
             "XYZ" => v,
-            _ => return Err(Fault::new(at, format!("coordinates of type `{kind}` are not supported; LLH and XYZ are"))),
+            _ => {
+                return Err(Fault::new(at, format!("coordinates of type `{kind}` are not supported; LLH and XYZ are")));
+            }
         };
         let role = match constraints {
             "CCC" => Role::Fixed,
@@ -122,7 +120,10 @@ struct Open {
 pub fn parse_measurements(text: &str, net: &mut Network) -> Result<(), Fault> {
     let index: HashMap<String, usize> = net.stations.iter().enumerate().map(|(k, s)| (s.name.clone(), k)).collect();
     let find = |at: usize, name: &str| {
-        index.get(name).copied().ok_or_else(|| Fault::new(at, format!("station `{name}` is nowhere in the station file")))
+        index
+            .get(name)
+            .copied()
+            .ok_or_else(|| Fault::new(at, format!("station `{name}` is nowhere in the station file")))
     };
     let mut open: Option<Open> = None;
     let mut lines = text.lines().enumerate().map(|(k, l)| (k + 1, l)).peekable();
@@ -185,9 +186,11 @@ fn triple(at: usize, line: &str, count: usize) -> Result<[f64; 3], Fault> {
 fn header(at: usize, kind: char, line: &str) -> Result<Open, Fault> {
     let count = match kind {
         'G' => 1,
-        _ => field(line, 42, 62).parse().ok().filter(|n| (1..1000).contains(n)).ok_or_else(|| {
-            Fault::new(at, format!("`{}` is not a number of members", field(line, 42, 62)))
-        })?,
+        _ => field(line, 42, 62)
+            .parse()
+            .ok()
+            .filter(|n| (1..1000).contains(n))
+            .ok_or_else(|| Fault::new(at, format!("`{}` is not a number of members", field(line, 42, 62))))?,
     };
     if kind == 'Y' && field(line, 22, 42) != "XYZ" {
         return Err(Fault::new(at, "point clusters in XYZ alone are supported"));
@@ -235,7 +238,7 @@ fn close(cluster: Open) -> Result<Observation, Fault> {
         .into_iter()
         .map(|(a, b, v)| {
             // stations move with the plate: position vector rotation, forward in time
-            let turned = if cluster.kind == 'Y' && w == [0.0; 3] {
+            let turned = if cluster.kind == 'Y' {
                 v
             } else {
                 [v[0] - w[2] * v[1] + w[1] * v[2], v[1] + w[2] * v[0] - w[0] * v[2], v[2] - w[1] * v[0] + w[0] * v[1]]

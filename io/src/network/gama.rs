@@ -101,8 +101,7 @@ impl Reader<'_> {
         let word = self.attribute(node, "val")?.trim();
         let body = word.trim_start_matches('-');
         if body.contains('-') && !body.contains("e-") {
-            let parts: Vec<f64> =
-                body.split('-').map(|p| self.number(node, "val", p)).collect::<Result<_, _>>()?;
+            let parts: Vec<f64> = body.split('-').map(|p| self.number(node, "val", p)).collect::<Result<_, _>>()?;
             let degrees = parts.iter().zip([1.0, 60.0, 3600.0]).map(|(p, d)| p / d).sum::<f64>();
             let sign = if word.starts_with('-') { -1.0 } else { 1.0 };
             return Ok((sign * degrees.to_radians(), true));

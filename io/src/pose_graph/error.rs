@@ -93,7 +93,9 @@ pub enum Problem {
         id: i64,
     },
     /// An information matrix that is none.
-    #[error("line {line}: the information matrix of {tag} is not positive definite; is it a covariance, or in another order?")]
+    #[error(
+        "line {line}: the information matrix of {tag} is not positive definite; is it a covariance, or in another order?"
+    )]
     Information {
         /// Line, from 1.
         line: usize,

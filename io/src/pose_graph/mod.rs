@@ -88,5 +88,6 @@ pub struct PoseGraph {
 /// [`PoseGraphError`], naming file and line.
 pub fn read(path: &Path) -> Result<PoseGraph, PoseGraphError> {
     let text = std::fs::read(path).map_err(|source| PoseGraphError::Read { path: path.to_path_buf(), source })?;
-    parse(&String::from_utf8_lossy(&text)).map_err(|problem| PoseGraphError::Content { path: path.to_path_buf(), problem })
+    parse(&String::from_utf8_lossy(&text))
+        .map_err(|problem| PoseGraphError::Content { path: path.to_path_buf(), problem })
 }

@@ -158,9 +158,7 @@ fn edge(line: &Line<'_>) -> Result<Option<([i64; 2], Measured)>, Problem> {
         "EDGE_PRIOR_SE2" | "EDGE_SE2_PRIOR" => (one()?, Measured::Prior2(line.numbers(1)?, line.information(4, 3)?)),
         // likewise
         "EDGE_SE3_PRIOR" => (one()?, Measured::Prior3(line.pose3(2)?, line.information(9, 6)?)),
-        "EDGE_PRIOR_SE2_XY" | "EDGE_PRIOR_XY" => {
-            (one()?, Measured::PriorXy(line.numbers(1)?, line.information(3, 2)?))
-        }
+        "EDGE_PRIOR_SE2_XY" | "EDGE_PRIOR_XY" => (one()?, Measured::PriorXy(line.numbers(1)?, line.information(3, 2)?)),
         "EDGE_POINTXYZ_PRIOR" | "EDGE_PRIOR_XYZ" => {
             (one()?, Measured::PriorXyz(line.numbers(1)?, line.information(4, 3)?))
         }

@@ -60,7 +60,11 @@ pub(super) fn run(args: &GraphGenerateArgs, common: &Common, out: &mut impl Writ
     if common.json {
         writeln!(out, "{value:#}")?;
     } else if !common.quiet {
-        writeln!(out, "{stations} stations: chi2 {:.3}, {} degrees of freedom, {:.2} s", solved.cost, solved.degrees_of_freedom, outcome.solve_s)?;
+        writeln!(
+            out,
+            "{stations} stations: chi2 {:.3}, {} degrees of freedom, {:.2} s",
+            solved.cost, solved.degrees_of_freedom, outcome.solve_s
+        )?;
     }
     Ok(())
 }

@@ -63,7 +63,9 @@ pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) 
         for id in [net.places[k], net.heights[k]].into_iter().flatten().filter(|id| !net.problem.is_fixed(*id)) {
             sigmas.extend((solution.sigmas)(id).iter().map(|s| s * scale));
         }
-        stations.push(serde_json::json!({ "name": station.name, "coordinates_m": net.coordinates_m(k), "sigmas_m": sigmas }));
+        stations.push(
+            serde_json::json!({ "name": station.name, "coordinates_m": net.coordinates_m(k), "sigmas_m": sigmas }),
+        );
     }
     let value = serde_json::json!({
         "method": if free { "dense" } else { "helmert" },

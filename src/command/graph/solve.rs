@@ -8,8 +8,8 @@ use anyhow::{Context, Result, bail};
 use tieline_graph::bowie::{self, BowieOptions, BowieStep};
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::factor::Convention;
-use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
 use tieline_graph::helmert::out_of_core::{self, Disk};
+use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
 use tieline_graph::robust::Kernel;
 use tieline_graph::system::{Method, System};
 use tieline_graph::{Problem, Values, initialise};
@@ -187,7 +187,15 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
         let (solved, step) = bowie::solve(problem, &robust.kernel(), &options, setup.iterations)?;
         let solve_s = begin.elapsed().as_secs_f64();
         let (solve_cpu_s, total_cpu_s) = (cpu_s() - cpu, cpu_s());
-        return Ok(Outcome { solved, solve_s, solve_cpu_s, total_cpu_s, initial, bowie: Some(step), ..Outcome::default() });
+        return Ok(Outcome {
+            solved,
+            solve_s,
+            solve_cpu_s,
+            total_cpu_s,
+            initial,
+            bowie: Some(step),
+            ..Outcome::default()
+        });
     }
     let (mut system, _temporary) = setup.system(problem, &options)?;
     let from_file = (initial == "chordal" && wanted == GraphInitial::Auto).then_some(from_file);

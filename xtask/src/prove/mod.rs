@@ -89,7 +89,7 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 9] = [
+    let proofs: [(&str, Proof); 10] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
         ("1 known nets", graph::nets),
@@ -99,6 +99,7 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
         ("5 all marginals", graph::marginals),
         ("6 false loops", graph::outliers),
         ("7 junctions and sections", graph::junctions),
+        ("8 a block of strips", graph::strips),
     ];
     run(&proofs, only)
 }

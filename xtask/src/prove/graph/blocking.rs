@@ -19,7 +19,13 @@ use super::super::real::program;
 use super::{data, graph, number};
 
 /// The linear step of a problem, variable by variable.
-fn step(problem: &Problem, order: Order, partition: PartitionOptions, method: Method, refined: bool) -> Result<Vec<f64>> {
+fn step(
+    problem: &Problem,
+    order: Order,
+    partition: PartitionOptions,
+    method: Method,
+    refined: bool,
+) -> Result<Vec<f64>> {
     let mut system = System::new(problem, order, partition, method)?;
     let mut normal = Normal::default();
     system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
@@ -79,7 +85,12 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
             }
         }
         worst = worst.max(distance(&step(problem, Order::MinimumDegree, whole, Method::Helmert, true)?, &reference));
-        rows.push(Row::at_most(format!("{name}: step off the reference's, relative, any leaf, refined once"), worst * 1e10, 1.0, "1e-10"));
+        rows.push(Row::at_most(
+            format!("{name}: step off the reference's, relative, any leaf, refined once"),
+            worst * 1e10,
+            1.0,
+            "1e-10",
+        ));
 
         let folder = tempfile::tempdir()?;
         let disk = Disk { folder: folder.path().to_path_buf(), group_bytes: 200_000 };
@@ -95,7 +106,12 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
         let differing = |other: &[f64]| one.iter().zip(other).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
         for (label, other) in [("2 threads", &two), ("on disk", &on_disk), ("on disk, resumed", &resumed)] {
             #[allow(clippy::cast_precision_loss)]
-            rows.push(Row::at_most(format!("{name}: numbers not bit-identical, {label}"), differing(other) as f64, 0.0, ""));
+            rows.push(Row::at_most(
+                format!("{name}: numbers not bit-identical, {label}"),
+                differing(other) as f64,
+                0.0,
+                "",
+            ));
         }
     }
     rows.extend(killed()?);
@@ -107,8 +123,18 @@ fn killed() -> Result<Vec<Row>> {
     let folder = tempfile::tempdir()?;
     let blocks = folder.path().to_str().context("a path in UTF-8")?;
     let arguments = [
-        "generate", "--stations", "90000", "--kind", "directions", "--solve", "--iterations", "1", "--threads", "1",
-        "--memory", "40",
+        "generate",
+        "--stations",
+        "90000",
+        "--kind",
+        "directions",
+        "--solve",
+        "--iterations",
+        "1",
+        "--threads",
+        "1",
+        "--memory",
+        "40",
     ];
     let whole = graph(&arguments)?;
     let with_blocks = [&arguments[..], &["--blocks", blocks]].concat();
@@ -123,7 +149,13 @@ fn killed() -> Result<Vec<Row>> {
     let again = graph(&with_blocks)?;
     let same = number(&again, "chi2").to_bits() == number(&whole, "chi2").to_bits();
     Ok(vec![
-        Row::between("90,000 stations, killed: groups of blocks taken over", number(&again, "resumed_blocks"), 1.0, 1e6, ""),
+        Row::between(
+            "90,000 stations, killed: groups of blocks taken over",
+            number(&again, "resumed_blocks"),
+            1.0,
+            1e6,
+            "",
+        ),
         Row::at_most("90,000 stations, killed and resumed: chi2 differs", f64::from(u8::from(!same)), 0.0, ""),
     ])
 }

@@ -81,10 +81,20 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
             println!(
                 "  loops kept {loop_share}: {} junctions, {} sections, {} factors left out; {:.3} s + {:.3} s; off exact \
                  after 1, 3, 10, 30 passes: {}",
-                step.junctions, step.sections, step.left_out, step.prepare_s, step.passes_s, errors.join(", ")
+                step.junctions,
+                step.sections,
+                step.left_out,
+                step.prepare_s,
+                step.passes_s,
+                errors.join(", ")
             );
             let (first, last) = (off(&step.steps[0], &truth), step.steps.last().map_or(f64::NAN, |s| off(s, &truth)));
-            rows.push(Row::at_most(format!("{name}, loops kept {loop_share}: error of the last pass over the first's"), last / first, 1.0, ""));
+            rows.push(Row::at_most(
+                format!("{name}, loops kept {loop_share}: error of the last pass over the first's"),
+                last / first,
+                1.0,
+                "",
+            ));
         }
     }
     Ok(rows)

@@ -6,6 +6,7 @@ mod nets;
 mod outliers;
 mod pose_graphs;
 mod scale;
+mod strips;
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -18,6 +19,7 @@ pub(crate) use nets::rows as nets;
 pub(crate) use outliers::rows as outliers;
 pub(crate) use pose_graphs::{chi2, marginals, sigmas, speed};
 pub(crate) use scale::rows as scale;
+pub(crate) use strips::rows as strips;
 
 use super::real::{program, root};
 

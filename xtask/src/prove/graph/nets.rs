@@ -77,7 +77,10 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
         let folder = tempfile::tempdir()?;
         if name == "Ghilani_GNSS_Baselines" {
             let own = graph(&[path.to_str().context("path")?])?;
-            println!("{name} as it stands: m0 {:.7}; below with the covariances' signs as GNU Gama takes them", number(&own, "m0"));
+            println!(
+                "{name} as it stands: m0 {:.7}; below with the covariances' signs as GNU Gama takes them",
+                number(&own, "m0")
+            );
             let turned = folder.path().join("turned.gkf");
             std::fs::write(&turned, with_gamas_signs(&std::fs::read_to_string(&path)?))?;
             path = turned;
@@ -113,7 +116,12 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
         rows.push(Row::at_most(format!("{name}: coordinates off"), off_mm, 0.1, "mm"));
         rows.push(Row::at_most(format!("{name}: sigmas off, relative"), off_sigma * 1e4, 1.0, "1e-4"));
         let defect = (number(&value, "defect") - first(&xml, "defect")).abs();
-        rows.push(Row::at_most(format!("{name}: defect {} and degrees of freedom off", first(&xml, "defect")), defect + (number(&value, "dof") - first(&xml, "degrees-of-freedom")).abs(), 0.0, ""));
+        rows.push(Row::at_most(
+            format!("{name}: defect {} and degrees of freedom off", first(&xml, "defect")),
+            defect + (number(&value, "dof") - first(&xml, "degrees-of-freedom")).abs(),
+            0.0,
+            "",
+        ));
         // its stored m0 has the a-priori sigma of another version, see the data's README
         let scale = if name.starts_with("Wolf") { 100.0 } else { 1.0 };
         let off = (number(&value, "m0") / scale / first(&xml, "aposteriori") - 1.0).abs();

@@ -21,7 +21,9 @@ fn distance_m(a: &Values, b: &Values) -> f64 {
 
 fn solved(graph: &PoseGraph, kernel: Kernel) -> Result<Problem> {
     let mut problem = pose_graph::problem(graph, Convention::Plain)?;
-    in_stages(&mut problem, kernel, |problem, kernel| solve(problem, &SolveOptions { kernel, ..SolveOptions::default() }))?;
+    in_stages(&mut problem, kernel, |problem, kernel| {
+        solve(problem, &SolveOptions { kernel, ..SolveOptions::default() })
+    })?;
     Ok(problem)
 }
 
@@ -52,6 +54,11 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
     }
     // where every loop edge fits within Φ, DCS is least squares
     let robust = solved(&clean, Kernel::Dcs(1.0))?;
-    rows.push(Row::at_most("M3500 clean, DCS: position rms off the optimum", 1e6 * distance_m(&robust.values, &optimum.values), 1.0, "um"));
+    rows.push(Row::at_most(
+        "M3500 clean, DCS: position rms off the optimum",
+        1e6 * distance_m(&robust.values, &optimum.values),
+        1.0,
+        "um",
+    ));
     Ok(rows)
 }

@@ -34,7 +34,7 @@ pub(crate) fn chi2() -> Result<Vec<Row>> {
         let error = (number(&value, "chi2") / expected - 1.0).abs();
         let initial = value["initial"].as_str().unwrap_or("").to_string();
         rows.push(Row::at_most(
-            format!("{name}, {convention}, from {initial}: chi2 {expected} off by, relative", ),
+            format!("{name}, {convention}, from {initial}: chi2 {expected} off by, relative",),
             error * 1e6,
             1.0,
             "ppm",
@@ -42,7 +42,8 @@ pub(crate) fn chi2() -> Result<Vec<Row>> {
     }
     let start = data("victoria_park_init.g2o");
     let from_file = ["--start", start.to_str().unwrap_or_default(), "--initial", "file"];
-    for (label, arguments) in [("start file", &from_file[..]), ("odometry, incremental", &["--initial", "incremental"])] {
+    for (label, arguments) in [("start file", &from_file[..]), ("odometry, incremental", &["--initial", "incremental"])]
+    {
         let value = solve("victoria_park.g2o", arguments)?;
         let error = (number(&value, "chi2") / 6_184.120_251 - 1.0).abs();
         rows.push(Row::at_most(format!("victoria_park from {label}: chi2 off by, relative"), error * 1e6, 1.0, "ppm"));
@@ -66,9 +67,10 @@ pub(crate) fn sigmas() -> Result<Vec<Row>> {
     for (name, node, expected) in SIGMAS {
         let value = solve(&format!("{name}.g2o"), &["--convention", "log", "--sigmas"])?;
         let found = value["sigmas"][node].as_array().cloned().unwrap_or_default();
-        let error = expected.iter().enumerate().map(|(k, e)| {
-            (found.get(k).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN) / e - 1.0).abs()
-        });
+        let error = expected
+            .iter()
+            .enumerate()
+            .map(|(k, e)| (found.get(k).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN) / e - 1.0).abs());
         // the largest, and not a number when there is one
         let worst = error.fold(0.0, |m: f64, e| if e.is_nan() || m.is_nan() { f64::NAN } else { m.max(e) });
         rows.push(Row::at_most(format!("{name}, node {node}: sigmas off by, relative"), worst * 1e4, 1.0, "1e-4"));
@@ -77,7 +79,8 @@ pub(crate) fn sigmas() -> Result<Vec<Row>> {
 }
 
 /// CPU seconds to convergence of the best peer on this kind of machine (factrs, factrs, GTSAM, GTSAM with METIS).
-const PEERS_S: [(&str, f64); 4] = [("M3500", 0.165), ("city10000", 0.82), ("sphere2500", 0.58), ("parking-garage", 0.19)];
+const PEERS_S: [(&str, f64); 4] =
+    [("M3500", 0.165), ("city10000", 0.82), ("sphere2500", 0.58), ("parking-garage", 0.19)];
 
 /// Line 3: time to convergence.
 pub(crate) fn speed() -> Result<Vec<Row>> {

@@ -52,6 +52,20 @@ pub struct JobArgs {
     pub csv: bool,
 }
 
+/// `calibrate`.
+#[derive(Debug, Clone, Args)]
+pub struct CalibrateArgs {
+    /// Project files
+    #[arg(required = true, value_name = "PROJECT.toml")]
+    pub projects: Vec<PathBuf>,
+    /// Output folder [default: out/<name of the project file>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write ties.csv beside ties.parquet
+    #[arg(long)]
+    pub csv: bool,
+}
+
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -64,6 +78,8 @@ pub enum Command {
         #[arg(long)]
         overwrite: bool,
     },
+    /// Calibrate how scanners are mounted, from stations without a trajectory
+    Calibrate(CalibrateArgs),
     /// Find the ties
     Match(JobArgs),
     /// Solve for the errors of strips (needs `match`); with [imu] in the project: estimate the trajectory

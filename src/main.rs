@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{CommandFactory, Parser};
 use tieline::cli::{Cli, Command};
-use tieline::command::{convert, difference, graph, info, project, simulate, trajectory};
+use tieline::command::{calibrate, convert, difference, graph, info, project, simulate, trajectory};
 use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
@@ -68,6 +68,7 @@ fn run(cli: &Cli) -> Result<()> {
     let mut out = io::stdout().lock();
     match &cli.command {
         Command::Run { job, overwrite } => project::run(job, *overwrite, common, &mut out),
+        Command::Calibrate(args) => calibrate::run(args, common, &mut out),
         Command::Match(job) => project::match_only(job, common, &mut out),
         Command::Solve { job, mask_gnss } => project::solve_only(job, mask_gnss, common, &mut out),
         Command::Report(job) => project::report_only(job, common, &mut out),

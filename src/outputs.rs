@@ -1,6 +1,7 @@
 //! The files that others read: ties, calibration, correction over time.
 
 pub mod drive;
+pub mod stations;
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -1,12 +1,14 @@
 //! The project file: what a job is, in TOML. Keys are public; every one has a default but the paths.
 
 pub mod measurements;
+mod stations;
 mod strips;
 
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
     CalibrateSection, CorrectSection, MatchSection, ReturnsChoice, ScannerChoice, SolveSection, SplitChoice, SplitWord,
     StripModelChoice, StripsSection,
@@ -24,6 +26,11 @@ pub struct Project {
     /// Where the strips are; may be left out where a trajectory is estimated only.
     #[serde(default)]
     pub strips: Vec<StripsSection>,
+    /// Points in the frames of their scanners, each station one pose: `calibrate` compares the scanners.
+    #[serde(default)]
+    pub stations: Vec<StationsSection>,
+    /// Rough mounting of the scanners of stations.
+    pub extrinsics: Option<ExtrinsicsSection>,
     /// Inertial measurements: with them `solve` estimates the trajectory.
     pub imu: Option<ImuSection>,
     /// GNSS fixes.
@@ -269,7 +276,17 @@ fn check(project: &Project) -> Result<(), ProjectError> {
             }
         }
     }
-    if project.strips.is_empty() && project.imu.is_none() {
+    if !project.stations.is_empty() && (project.imu.is_some() || !project.strips.is_empty()) {
+        return wrong(
+            "stations",
+            String::from("given"),
+            "stations have no trajectory: give [[strips]] and [imu] a project of their own",
+        );
+    }
+    if project.extrinsics.is_some() && project.stations.is_empty() {
+        return wrong("extrinsics", String::from("given"), "it needs [[stations]] beside it; strips have [platform]");
+    }
+    if project.strips.is_empty() && project.imu.is_none() && project.stations.is_empty() {
         return wrong("strips", String::from("[]"), "name at least one file or pattern under [[strips]]");
     }
     let positive = [
@@ -285,6 +302,8 @@ fn check(project: &Project) -> Result<(), ProjectError> {
         ("calibrate.lever_arm_sigma_m", Some(project.calibrate.lever_arm_sigma_m)),
         ("calibrate.range_offset_sigma_m", Some(project.calibrate.range_offset_sigma_m)),
         ("calibrate.range_scale_sigma_ppm", Some(project.calibrate.range_scale_sigma_ppm)),
+        ("extrinsics.boresight_sigma_deg", project.extrinsics.as_ref().map(|e| e.boresight_sigma_deg)),
+        ("extrinsics.lever_arm_sigma_m", project.extrinsics.as_ref().map(|e| e.lever_arm_sigma_m)),
         ("gnss.sigma_factor", project.gnss.as_ref().and_then(|g| g.sigma_factor)),
         ("gnss.least_sigma_m", project.gnss.as_ref().and_then(|g| g.least_sigma_m)),
         ("gnss.correlation_s", project.gnss.as_ref().and_then(|g| g.correlation_s)),

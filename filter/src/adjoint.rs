@@ -13,11 +13,12 @@
 //! A landmark enters as a transition whose new row is its first sighting, a clone the same without noise; a state leaves
 //! by a transition without its row.
 
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, SMatrix};
+use nalgebra::{DMatrix, DMatrixView};
 
 use crate::kalman::{Slots, UpdateRecord};
-use crate::state::{CORE, NAV};
-use crate::transition::Transition;
+use crate::lanes::{LANES, Move, PADDED, Pull, SplitRow, Step, dot, pass};
+use crate::state::NAV;
+use crate::tape::{NodeRecord, Operation};
 
 /// The adjoint of the backward pass: λ, and Λ as a root `Λ = Gᵀ G` with as many rows as it takes.
 ///
@@ -29,14 +30,13 @@ use crate::transition::Transition;
 /// leaves Λ as it is: it is how a measurement of a landmark is kept from lengthening every row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjoint {
-    /// States of a short row: the filter's own and the brief slots.
+    /// States of a short row: the filter's own, the brief slots, and what fills it up to whole registers.
     short: usize,
     vector: Vec<f64>,
     narrow: Rows,
     wide: Rows,
     /// Long rows from which on they are shortened.
     most_wide: usize,
-    scratch: Vec<f64>,
 }
 
 /// Rows of equal length, one after the other.
@@ -51,10 +51,6 @@ impl Rows {
         self.values.len() / self.length
     }
 
-    fn iter_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
-        self.values.chunks_exact_mut(self.length)
-    }
-
     /// Columns in use among some.
     fn used(&self, columns: std::ops::Range<usize>) -> Vec<usize> {
         let mut largest = vec![0.0_f64; self.length];
@@ -66,34 +62,9 @@ impl Rows {
         columns.filter(|k| largest[*k] > 0.0).collect()
     }
 
-    /// `g ← g - (g K) H` of every row `g`, whose `(g K)ᵀ (g K)` is added to `information`.
-    fn subtract(&mut self, record: &UpdateRecord, information: &mut [f64]) {
-        if let ([row], [gain]) = (&record.rows[..], &record.gain[..]) {
-            for g in self.iter_mut() {
-                let pulled = dot(gain, g);
-                information[0] += pulled * pulled;
-                for (k, factor) in row {
-                    g[*k] -= factor * pulled;
-                }
-            }
-            return;
-        }
-        let m = record.gain.len();
-        let states = record.gain.first().map_or(0, Vec::len).min(self.length);
-        let (count, length) = (self.count(), self.length);
-        // rows of zeros: products of fewer than six rows are not done by blocks
-        let gain = DMatrix::from_fn(m.max(6), states, |a, k| if a < m { record.gain[a][k] } else { 0.0 });
-        let pulled = gain * DMatrixView::from_slice(&self.values, length, count).rows(0, states);
-        for (g, pulled) in self.iter_mut().zip(pulled.column_iter()) {
-            for (a, row) in record.rows.iter().enumerate() {
-                for (k, factor) in row {
-                    g[*k] -= factor * pulled[a];
-                }
-                for b in 0..m {
-                    information[a * m + b] += pulled[a] * pulled[b];
-                }
-            }
-        }
+    /// Takes all rows through a step.
+    fn pass(&mut self, step: &mut Step) {
+        pass(&mut self.values, self.length, step);
     }
 
     /// Adds a row of which only some columns are not zero.
@@ -119,14 +90,14 @@ impl Adjoint {
     /// Zero: nothing is known of the future.
     #[must_use]
     pub fn new(base: usize, slots: Slots) -> Self {
-        let (short, length) = (base + slots.brief, base + slots.brief + slots.lasting);
+        let short = (base + slots.brief).next_multiple_of(LANES).max(PADDED);
+        let length = (base + slots.brief + slots.lasting).next_multiple_of(LANES).max(short);
         Self {
             short,
             vector: vec![0.0; length],
             narrow: Rows { length: short, values: Vec::new() },
             wide: Rows { length, values: Vec::new() },
             most_wide: 16,
-            scratch: Vec::new(),
         }
     }
 
@@ -136,50 +107,96 @@ impl Adjoint {
         &self.vector
     }
 
-    /// Back through an update: `G ← [G (I - K H); S^-½ H]`. Gives what all other measurements say of this one.
-    pub fn back_through_update(&mut self, record: &UpdateRecord) -> Deletion {
+    /// Back through a record: its operations from the last to the first, then its transition of the first `base` states.
+    /// Gives what all other measurements say of each, with its place among the operations.
+    pub fn back_through(&mut self, record: &NodeRecord, base: usize) -> Vec<(usize, Deletion)> {
+        let mut deletions = Vec::new();
+        for (number, operation) in record.operations.iter().enumerate().rev() {
+            match operation {
+                Operation::Enter { at, row } => self.take(&mut Step::TakeOut(*at, SplitRow::new(row)), *at),
+                Operation::Update(update) => deletions.push((number, self.back_through_update(update))),
+            }
+        }
+        if let Some(transition) = &record.transition {
+            let moving = Move::new(&transition.nav, &transition.decay[..base - NAV]);
+            self.take(&mut Step::Move(Box::new(moving)), 0);
+        }
+        deletions
+    }
+
+    /// Takes λ and all rows, the short ones if they look at state `at`, through a step.
+    fn take(&mut self, step: &mut Step, at: usize) {
+        pass(&mut self.vector, self.wide.length, step);
+        self.wide.pass(step);
+        if at < self.short {
+            self.narrow.pass(step);
+        }
+    }
+
+    /// Back through an update: `G ← [G (I - K H); S^-½ H]`.
+    fn back_through_update(&mut self, record: &UpdateRecord) -> Deletion {
+        let mut deletion = self.pull_vector(record);
+        let mut step = Step::Pull(Pull::new(&record.gain, &record.rows, self.wide.length));
+        self.wide.pass(&mut step);
+        let lasting = self.lasting(record);
+        if lasting.is_empty() {
+            self.back_through_brief(record, &mut step);
+        } else {
+            self.back_through_landmarks(record, &mut step, &lasting);
+        }
+        if let Step::Pull(pull) = step {
+            deletion.information.iter_mut().zip(pull.information).for_each(|(sum, i)| *sum += i);
+        }
+        deletion
+    }
+
+    /// λ back through an update; gives the pull on it and its precision.
+    fn pull_vector(&mut self, record: &UpdateRecord) -> Deletion {
         let m = record.rows.len();
-        let mut pulls = vec![0.0; m]; // Kᵀ λ + S⁻¹ v
-        for (a, (pull, gain)) in pulls.iter_mut().zip(&record.gain).enumerate() {
+        let mut pull = vec![0.0; m]; // Kᵀ λ + S⁻¹ v
+        for (a, (pull, gain)) in pull.iter_mut().zip(&record.gain).enumerate() {
             *pull = dot(gain, &self.vector);
             *pull += (0..m).map(|b| record.precision[a * m + b] * record.innovation[b]).sum::<f64>();
         }
-        for (row, pull) in record.rows.iter().zip(&pulls) {
+        for (row, pull) in record.rows.iter().zip(&pull) {
             for (k, factor) in row {
                 self.vector[*k] -= factor * pull;
             }
         }
-        let mut information = record.precision.clone();
-        self.wide.subtract(record, &mut information);
+        Deletion { pull, information: record.precision.clone() }
+    }
+
+    /// Landmarks kept for long that an update looks at.
+    fn lasting(&self, record: &UpdateRecord) -> Vec<usize> {
         let mut lasting: Vec<usize> = record.rows.iter().flatten().map(|e| e.0).filter(|k| *k >= self.short).collect();
         lasting.sort_unstable();
         lasting.dedup();
-        if lasting.is_empty() {
-            self.narrow.subtract(record, &mut information);
-            for weights in upper_root(&record.precision, m) {
-                let start = self.narrow.values.len();
-                self.narrow.values.resize(start + self.short, 0.0);
-                add_weighted(&mut self.narrow.values[start..], &weights, record);
-            }
-            if self.narrow.count() >= 2 * self.short + 8 {
-                self.shorten_narrow();
-            }
-        } else {
-            self.back_through_landmarks(record, &lasting, &mut information);
+        lasting
+    }
+
+    /// The short rows back through an update that looks at no lasting landmark.
+    fn back_through_brief(&mut self, record: &UpdateRecord, step: &mut Step) {
+        self.narrow.pass(step);
+        for weights in upper_root(&record.precision, record.rows.len()) {
+            let start = self.narrow.values.len();
+            self.narrow.values.resize(start + self.short, 0.0);
+            add_weighted(&mut self.narrow.values[start..], &weights, record);
         }
-        Deletion { pull: pulls, information }
+        if self.narrow.count() >= 2 * self.short + 8 {
+            self.shorten_narrow();
+        }
     }
 
     /// Measurements of lasting landmarks give every short row a place in their columns: all are turned so that as few rows
     /// as there are landmarks keep it.
-    fn back_through_landmarks(&mut self, record: &UpdateRecord, lasting: &[usize], information: &mut [f64]) {
+    fn back_through_landmarks(&mut self, record: &UpdateRecord, step: &mut Step, lasting: &[usize]) {
         let length = self.wide.length;
         let mut rows = Rows { length, values: Vec::new() };
         for g in self.narrow.values.chunks_exact(self.short) {
             rows.values.extend_from_slice(g);
             rows.values.resize(rows.values.len() + length - self.short, 0.0);
         }
-        rows.subtract(record, information);
+        rows.pass(step);
         for weights in upper_root(&record.precision, record.rows.len()) {
             let start = rows.values.len();
             rows.values.resize(start + length, 0.0);
@@ -224,50 +241,6 @@ impl Adjoint {
         self.take_triangle(&turned(dense), &columns, live.len());
         self.most_wide = live.len() + live.len() / 4 + 8;
     }
-
-    /// Back through the entry of a state at index `at`.
-    pub fn back_through_entry(&mut self, at: usize, row: &[(usize, f64)]) {
-        let narrow = self.narrow.iter_mut().filter(|v| at < v.len());
-        for v in std::iter::once(&mut self.vector[..]).chain(narrow).chain(self.wide.iter_mut()) {
-            let value = std::mem::take(&mut v[at]);
-            for (k, factor) in row {
-                v[*k] += factor * value;
-            }
-        }
-    }
-
-    /// Back through a transition of the first `base` states.
-    pub fn back_through_transition(&mut self, transition: &Transition, base: usize) {
-        let core_from_nav = SMatrix::<f64, CORE, NAV>::from_fn(|k, i| transition.nav[i][k]);
-        for (values, length) in [
-            (&mut self.vector, self.wide.length),
-            (&mut self.narrow.values, self.narrow.length),
-            (&mut self.wide.values, self.wide.length),
-        ] {
-            if values.is_empty() {
-                continue;
-            }
-            let count = values.len() / length;
-            self.scratch.resize(self.scratch.len().max(CORE * count), 0.0);
-            let nav = DMatrixView::from_slice(values, length, count);
-            let mut moved = DMatrixViewMut::from_slice(&mut self.scratch, CORE, count);
-            moved.gemm(1.0, &core_from_nav, &nav.rows(0, NAV), 0.0);
-            for (v, moved) in values.chunks_exact_mut(length).zip(moved.column_iter()) {
-                back_through_transition(v, moved.as_slice(), transition, base);
-            }
-        }
-    }
-}
-
-/// A row back through a transition; `moved` is its part of position, velocity and attitude, moved.
-fn back_through_transition(v: &mut [f64], moved: &[f64], transition: &Transition, base: usize) {
-    for (value, d) in v[NAV..base].iter_mut().zip(&transition.decay) {
-        *value *= d;
-    }
-    v[..NAV].copy_from_slice(&moved[..NAV]);
-    for (value, o) in v[NAV..CORE].iter_mut().zip(&moved[NAV..]) {
-        *value += o;
-    }
 }
 
 /// Adds the rows of a measurement, weighted.
@@ -295,17 +268,12 @@ fn upper_root(matrix: &[f64], m: usize) -> Vec<Vec<f64>> {
     (0..m).map(|i| (0..m).map(|j| l[(j, i)]).collect()).collect()
 }
 
-/// Smoothed errors of the first `means` states and covariance of the first `wanted`, `x - P λ` and `P - P Λ P`; `rows` are
-/// those of the covariance over `n` states, row-major.
+/// Smoothed errors of some states and covariance of the first `wanted` of them, `x - P λ` and `P - P Λ P`; `mean` and `rows`
+/// are theirs, the rows of the covariance over all `n` states, row-major.
 #[must_use]
-pub fn smoothed(
-    rows: &[f64],
-    mean: &[f64],
-    (n, means, wanted): (usize, usize, usize),
-    adjoint: &Adjoint,
-) -> (Vec<f64>, Vec<f64>) {
+pub fn smoothed(rows: &[f64], mean: &[f64], (n, wanted): (usize, usize), adjoint: &Adjoint) -> (Vec<f64>, Vec<f64>) {
     let row = |i: usize| &rows[i * n..(i + 1) * n];
-    let error = (0..means).map(|i| mean[i] - dot(row(i), adjoint.vector())).collect();
+    let error = mean.iter().enumerate().map(|(i, x)| x - dot(row(i), adjoint.vector())).collect();
     let mut covariance = DMatrix::from_fn(wanted, wanted, |i, j| row(i)[j]);
     for g in [&adjoint.narrow, &adjoint.wide] {
         if g.values.is_empty() {
@@ -325,19 +293,4 @@ pub fn smoothed(
         }
     }
     (error, covariance)
-}
-
-/// Inner product over the shorter of two, in four sums, which the processor adds side by side.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let n = a.len().min(b.len());
-    let (a, b) = (&a[..n], &b[..n]);
-    let mut sums = [0.0; 4];
-    let (fours_a, fours_b) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = fours_a.remainder().iter().zip(fours_b.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in fours_a.zip(fours_b) {
-        for k in 0..4 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    sums.iter().sum::<f64>() + rest
 }

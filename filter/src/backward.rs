@@ -5,7 +5,7 @@ use crate::doubt::{Judged, TieUpdate, judge};
 use crate::kalman::Slots;
 use crate::smoother::SmootherError;
 use crate::state::{Layout, NAV, Nominal};
-use crate::tape::{Moments, Operation, Tape};
+use crate::tape::{Moments, Tape};
 
 /// A node of the smoothed solution.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,53 +36,60 @@ pub(crate) fn backward(
     let mut judged = Vec::with_capacity(tie_updates.len());
     let mut waiting = tie_updates.iter().rev().peekable();
     let mut place = nominals.len();
+    let (all_states, quick_states) = ((0..layout.base).collect::<Vec<_>>(), layout.quick_states());
+    let mut whole = 0;
     for index in (0..tape.len()).rev() {
         let (record, moments) = tape.read(index)?;
         if let Some(moments) = moments {
             place -= 1;
-            // standard deviations of parameters change slowly: every eighth node has its own
-            let sigma = nodes
-                .last()
-                .filter(|_| !place.is_multiple_of(PARAMETERS_EVERY))
-                .map(|n: &SmoothedNode| &n.parameter_sigma);
-            let (node, moved) = smooth(layout, moments, &nominals[place], &adjoint, sigma);
+            let states = if moments.is_whole(layout.base) { &all_states } else { &quick_states };
+            let later: Option<&SmoothedNode> = nodes.last();
+            let (node, moved) = smooth(layout, (moments, states), &nominals[place], &adjoint, later);
             largest = largest.max(moved);
             nodes.push(node);
-        }
-        for (number, operation) in record.operations.iter().enumerate().rev() {
-            match operation {
-                Operation::Update(update) => {
-                    let deletion = adjoint.back_through_update(update);
-                    if let Some(tie) = waiting.next_if(|t| t.place == (index, number)) {
-                        judged.extend(judge(&deletion, tie, false_alarm));
-                    }
-                }
-                Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
+            if moments.is_whole(layout.base) {
+                interpolate_parameters(&mut nodes[whole..]);
+                whole = nodes.len() - 1;
             }
         }
-        if let Some(transition) = &record.transition {
-            adjoint.back_through_transition(transition, layout.base);
+        for (number, deletion) in adjoint.back_through(&record, layout.base) {
+            if let Some(tie) = waiting.next_if(|t| t.place == (index, number)) {
+                judged.extend(judge(&deletion, tie, false_alarm));
+            }
         }
     }
     nodes.reverse();
     Ok((nodes, largest, judged))
 }
 
-/// Nodes from one with its own standard deviations of parameters to the next.
-const PARAMETERS_EVERY: usize = 8;
+/// What changes slowly, between two nodes that were smoothed with all their states.
+fn interpolate_parameters(nodes: &mut [SmoothedNode]) {
+    let [first, between @ .., last] = nodes else { return };
+    let (a, b) = (&first.nominal, &last.nominal);
+    let span_s = b.nav.time_s - a.nav.time_s;
+    for node in between {
+        let share = (node.nominal.nav.time_s - a.nav.time_s) / span_s;
+        node.nominal.parameters = node.nominal.parameters.between(&a.parameters, &b.parameters, share);
+    }
+}
 
-/// A node smoothed, and its largest change over sigma against what was linearised at.
+/// A node smoothed, and its largest change over sigma against what was linearised at. Standard deviations of parameters
+/// change slowly: where not all states are there, they are those of the node after it.
 fn smooth(
     layout: &Layout,
-    moments: Moments<'_>,
+    (moments, states): (Moments<'_>, &[usize]),
     nominal: &Nominal,
     adjoint: &Adjoint,
-    parameter_sigma: Option<&Vec<f64>>,
+    later: Option<&SmoothedNode>,
 ) -> (SmoothedNode, f64) {
-    let base = layout.base;
-    let wanted = if parameter_sigma.is_some() { NAV } else { base };
-    let states = (moments.mean.len(), base, wanted);
-    let (error, covariance) = smoothed(moments.covariance_rows, moments.mean, states, adjoint);
+    let later = later.filter(|_| states.len() < layout.base).map(|n| &n.parameter_sigma);
+    let wanted = if later.is_some() { NAV } else { layout.base };
+    let mean: Vec<f64> = states.iter().map(|i| moments.mean[*i]).collect();
+    let (of_states, covariance) = smoothed(moments.covariance_rows, &mean, (moments.mean.len(), wanted), adjoint);
+    let mut error = vec![0.0; layout.base];
+    for (i, e) in states.iter().zip(of_states) {
+        error[*i] = e;
+    }
     let sigma = |i: usize| covariance[i * wanted + i].max(0.0).sqrt();
     let largest = (0..NAV).map(|i| error[i].abs() / sigma(i).max(1e-12)).fold(0.0, f64::max);
     let mut nominal = *nominal;
@@ -91,6 +98,6 @@ fn smooth(
     for i in 0..NAV {
         of_nav[i * NAV..(i + 1) * NAV].copy_from_slice(&covariance[i * wanted..i * wanted + NAV]);
     }
-    let parameter_sigma = parameter_sigma.cloned().unwrap_or_else(|| (NAV..base).map(sigma).collect());
+    let parameter_sigma = later.cloned().unwrap_or_else(|| (NAV..layout.base).map(sigma).collect());
     (SmoothedNode { nominal, covariance: of_nav, parameter_sigma }, largest)
 }

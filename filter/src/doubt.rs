@@ -67,10 +67,14 @@ pub(crate) fn judge(deletion: &Deletion, of: &TieUpdate, false_alarm: f64) -> Op
 /// What to trust after a first run, that tested innovations: what it doubted goes, unless that is so much that a false tie
 /// may have led the others astray; then all are heard.
 #[allow(clippy::cast_precision_loss)]
-pub(crate) fn after_first(weights: &HashMap<(usize, usize), f64>, judged: &[Judged], false_alarm: f64) -> Trust {
-    let mut trust: Trust = weights.iter().filter(|w| *w.1 < 1.0).map(|w| (*w.0, LEFT_OUT_WEIGHT)).collect();
+pub(crate) fn after_first(weights: &[Vec<Option<f64>>], judged: &[Judged], false_alarm: f64) -> Trust {
+    let of_all =
+        weights.iter().enumerate().flat_map(|(t, of_tie)| of_tie.iter().enumerate().map(move |(s, w)| ((t, s), w)));
+    let given = of_all.filter_map(|(sighting, weight)| Some((sighting, (*weight)?)));
+    let count = given.clone().count();
+    let mut trust: Trust = given.filter(|w| w.1 < 1.0).map(|w| (w.0, LEFT_OUT_WEIGHT)).collect();
     trust.extend(judged.iter().filter(|j| j.ratio > 1.0).map(|j| (j.sighting, LEFT_OUT_WEIGHT)));
-    if trust.len() as f64 > 1.0 + 3.0 * false_alarm * weights.len() as f64 {
+    if trust.len() as f64 > 1.0 + 3.0 * false_alarm * count as f64 {
         trust.clear();
     }
     trust

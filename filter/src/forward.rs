@@ -1,22 +1,25 @@
 //! The forward pass: an error-state Kalman filter over all events.
 
+mod sighting;
+
 use std::collections::HashMap;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::doubt::{LEFT_OUT_WEIGHT, TieUpdate, Trust};
+use crate::doubt::{TieUpdate, Trust};
 use crate::earth::ecef_from_geodetic;
 use crate::events::{CONSTRAINT_SPEED_MPS, Event, EventDelays, EventKind, Inputs};
 use crate::innovation::{Innovation, LOST_AFTER, MeasurementKind, take_in};
 use crate::kalman::{Gaussian, Measurement, Slots, Stay};
-use crate::options::{InitialState, Options, Process, TieForm};
+use crate::options::{InitialState, Options, Process};
 use crate::propagate::Propagator;
 use crate::smoother::SmootherError;
 use crate::solution::CalibrationEstimate;
 use crate::state::{ATTITUDE, Layout, Nominal, POSITION, VELOCITY};
 use crate::tape::{NodeRecord, Operation, Tape};
 use crate::transition::Transition;
-use crate::update::{gnss, standstill, tie, vehicle};
+use crate::update::{gnss, standstill, vehicle};
+use sighting::{LiveTie, Waiting};
 
 /// What the forward pass knows before it starts.
 #[derive(Debug, Clone, Copy)]
@@ -48,26 +51,26 @@ pub(crate) struct Forward {
     pub nodes: Vec<FilterNode>,
     pub nominals: Vec<Nominal>,
     pub innovations: Vec<Innovation>,
-    /// Weight that each sighting of a tie got, by tie and sighting.
-    pub tie_weight: HashMap<(usize, usize), f64>,
+    /// Weight that each sighting of each tie got, if it was taken in.
+    pub tie_weight: Vec<Vec<Option<f64>>>,
     pub tie_updates: Vec<TieUpdate>,
     pub lost: Vec<(f64, MeasurementKind)>,
     pub bridged: Vec<(f64, f64)>,
     pub calibration: CalibrationEstimate,
 }
 
-/// A tie that is being seen.
-#[derive(Debug, Clone, Default)]
-struct LiveTie {
-    /// One entry a sighting (delayed form) or one only (landmark form).
-    states: Vec<(usize, Vec<usize>, Vec<f64>)>,
-}
-
 struct Run<'a> {
     plan: Plan<'a>,
     gaussian: Gaussian,
     propagator: Propagator<'a>,
-    live: HashMap<usize, LiveTie>,
+    all_states: Vec<usize>,
+    quick_states: Vec<usize>,
+    /// By tie.
+    live: Vec<Option<LiveTie>>,
+    /// Sightings since the last record began.
+    waiting: Vec<Waiting>,
+    /// While several measurements are taken in that were all predicted by one nominal.
+    keeps_nominal: bool,
     rest: Option<([usize; 3], UnitQuaternion<f64>)>,
     origin_ecef_m: Vector3<f64>,
     rejected: HashMap<MeasurementKind, usize>,
@@ -75,7 +78,7 @@ struct Run<'a> {
     transition: Option<Transition>,
     operations: Vec<Operation>,
     records: usize,
-    /// Whether a measurement has moved the estimate since the last node.
+    /// Whether a measurement other than a tie, of which there are too many, has moved the estimate since the last node.
     moved: bool,
     result: Forward,
 }
@@ -84,8 +87,9 @@ struct Run<'a> {
 const EXTRA_SLOTS: usize = 3;
 /// Slots of states that leave soon: that clone and those of a few increments.
 const BRIEF_SLOTS: usize = 7;
-/// Ties whose sightings span no more than this leave soon \[s\].
-const BRIEF_S: f64 = 5.0;
+/// Nodes from one that is smoothed with all its states to the next: most of them change slowly, and their rows of the
+/// covariance are most of what the tape would hold.
+const WHOLE_EVERY: usize = 8;
 
 /// Room for the ties that may live at one time, and for the clone of a rest.
 pub(crate) fn slots(options: &Options) -> Slots {
@@ -120,7 +124,11 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         plan,
         gaussian,
         propagator,
-        live: HashMap::new(),
+        all_states: (0..layout.base).collect(),
+        quick_states: layout.quick_states(),
+        live: vec![None; plan.inputs.ties.len()],
+        waiting: Vec::new(),
+        keeps_nominal: false,
         rest: None,
         origin_ecef_m: ecef_from_geodetic(&plan.initial.nav.geodetic),
         rejected: HashMap::new(),
@@ -128,10 +136,13 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         operations: Vec::new(),
         records: 0,
         moved: false,
-        result: Forward::default(),
+        result: Forward {
+            tie_weight: plan.inputs.ties.iter().map(|t| vec![None; t.sightings.len()]).collect(),
+            ..Forward::default()
+        },
     };
     run.node(true);
-    run.record(tape, true)?;
+    run.record(tape, (true, false))?;
     let mut next = 0;
     let mut main_s = plan.initial.nav.time_s;
     while next < plan.events.len() {
@@ -141,11 +152,22 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
         let is_main = time_s >= main_s + 0.999 * plan.options.node_interval_s || time_s >= last - 1e-6;
         let here = plan.events[next..].iter().take_while(|e| e.time_s < time_s + 1e-6);
         let only_sightings = here.clone().all(|e| matches!(e.kind, EventKind::Sighting(..)));
+        if run.waiting.first().is_some_and(|w| time_s >= w.until_s) {
+            run.propagator.hold_at(run.waiting[0].until_s, &mut run.gaussian);
+            run.begin(tape)?;
+        }
         if is_main || !only_sightings {
             run.propagator.advance_to(time_s, &mut run.gaussian);
         } else {
-            // ties are many: the covariance waits for its next step
+            // ties are many: they share the steps of the covariance
             run.propagator.hold_at(time_s, &mut run.gaussian);
+            if run.propagator.has_moved() {
+                while let Some(event) = plan.events.get(next).filter(|e| e.time_s < time_s + 1e-6) {
+                    run.wait(event);
+                    next += 1;
+                }
+                continue;
+            }
         }
         run.begin(tape)?;
         if let Some(reference) = plan.reference.filter(|_| is_main) {
@@ -160,7 +182,7 @@ pub(crate) fn run(plan: Plan<'_>, tape: &mut Tape) -> Result<Forward, SmootherEr
             run.node(is_main);
         }
         if is_main {
-            run.record(tape, true)?;
+            run.record(tape, (true, next == plan.events.len()))?;
             main_s = time_s;
         }
     }
@@ -190,7 +212,7 @@ impl Run<'_> {
 
     /// Without a reference the nominal follows the estimate.
     fn feed_back(&mut self) {
-        if self.plan.reference.is_some() {
+        if self.plan.reference.is_some() || self.keeps_nominal {
             return;
         }
         let error = self.error_now();
@@ -208,23 +230,34 @@ impl Run<'_> {
         error
     }
 
-    /// Before anything happens: where the covariance has moved a new record begins.
+    /// Before anything happens: where the covariance has moved a new record begins, and what waited for it is taken in.
     fn begin(&mut self, tape: &mut Tape) -> Result<(), SmootherError> {
         if let Some(transition) = self.propagator.take_transition() {
             if self.transition.is_some() || !self.operations.is_empty() {
-                self.record(tape, false)?;
+                self.record(tape, (false, false))?;
             }
             self.gaussian.advance_slots(&transition);
             self.transition = Some(transition);
+        }
+        let waiting = std::mem::take(&mut self.waiting);
+        self.keeps_nominal = true; // theirs is that of their own moment
+        for sighting in &waiting {
+            self.sighting(&sighting.event, &sighting.nominal)?;
+        }
+        self.keeps_nominal = false;
+        if !waiting.is_empty() {
+            self.feed_back();
         }
         Ok(())
     }
 
     /// What happened since the last record goes onto the tape.
-    fn record(&mut self, tape: &mut Tape, is_main: bool) -> Result<(), SmootherError> {
+    fn record(&mut self, tape: &mut Tape, (is_main, is_last): (bool, bool)) -> Result<(), SmootherError> {
         let operations = std::mem::take(&mut self.operations);
         let record = NodeRecord { transition: self.transition.take(), operations };
-        tape.push(&record, is_main.then_some(&self.gaussian))?;
+        let whole = (self.result.nominals.len() - 1).is_multiple_of(WHOLE_EVERY) || is_last;
+        let rows = if whole { &self.all_states } else { &self.quick_states };
+        tape.push(&record, is_main.then_some((&self.gaussian, &rows[..])))?;
         self.records += 1;
         Ok(())
     }
@@ -287,7 +320,7 @@ impl Run<'_> {
                 }
             }
             EventKind::RestBegins | EventKind::AtRest | EventKind::NotTurned => self.rest(event)?,
-            EventKind::Sighting(t, s) => self.sighting(t, s, event)?,
+            EventKind::Sighting(..) => self.sighting(event, &nominal)?,
         }
         Ok(())
     }
@@ -346,84 +379,9 @@ impl Run<'_> {
         self.result.innovations.push(innovation);
         if let Some(record) = record {
             self.operations.push(Operation::Update(record));
-            self.moved = true;
+            self.moved |= kind != MeasurementKind::Tie;
             self.feed_back();
         }
         Ok(weight)
-    }
-
-    /// Takes a comparison of sightings in, with the weight that the run before found for it.
-    fn compare(&mut self, mut m: Measurement, event: &Event, sighting: (usize, usize)) -> Result<(), SmootherError> {
-        let noise = m.noise.clone();
-        let trusted = self.plan.trust.and_then(|t| t.get(&sighting).copied()).unwrap_or(1.0);
-        m.noise.iter_mut().for_each(|r| *r /= trusted);
-        let operations = self.operations.len();
-        let tested = self.take(m, event, MeasurementKind::Tie)?;
-        let weight = trusted * tested;
-        if self.operations.len() > operations {
-            let place = (self.records, operations);
-            self.result.tie_updates.push(TieUpdate { place, sighting, time_s: event.time_s, weight, noise });
-        }
-        self.result.tie_weight.insert(sighting, if weight > LEFT_OUT_WEIGHT { weight } else { 0.0 });
-        Ok(())
-    }
-
-    /// A sighting of a tie: the first lets its states enter, the others compare, the last lets them leave.
-    fn sighting(&mut self, t: usize, s: usize, event: &Event) -> Result<(), SmootherError> {
-        let tie = &self.plan.inputs.ties[t];
-        let sighting = &tie.sightings[s];
-        let nominal = self.propagator.nominal;
-        let (values, rows) = tie::coordinates(
-            &nominal,
-            tie,
-            sighting,
-            &self.origin_ecef_m,
-            (self.propagator.held_s(), self.plan.layout.calibration),
-        );
-        let noise = tie::noise(tie, sighting);
-        let rank = values.len();
-        if let Some(known) = &tie.known_m {
-            let residual = known.iter().zip(&values).map(|(k, v)| k - v).collect();
-            return self.compare(Measurement { residual, rows, noise }, event, (t, s));
-        }
-        let last = s + 1 == tie.sightings.len();
-        let delayed = self.plan.options.ties.form == TieForm::Delayed;
-        let starts = !self.live.contains_key(&t);
-        if starts && last {
-            return Ok(()); // its other sightings were before the beginning
-        }
-        if starts || (delayed && !last) {
-            if self.gaussian.free_slots() < rank + if self.rest.is_none() { EXTRA_SLOTS } else { 0 } {
-                return Ok(());
-            }
-            let span_s = tie.sightings[tie.sightings.len() - 1].time_s - sighting.time_s;
-            let stay = if span_s <= BRIEF_S { Stay::Brief } else { Stay::Lasting };
-            let slots: Option<Vec<usize>> = rows
-                .into_iter()
-                .enumerate()
-                .map(|(k, row)| self.enter(row, if delayed { 0.0 } else { noise[k * rank + k] }, stay))
-                .collect();
-            if let Some(slots) = slots {
-                self.live.entry(t).or_default().states.push((s, slots, values));
-                self.result.tie_weight.insert((t, s), 1.0);
-            }
-            return Ok(());
-        }
-        let live = if last { self.live.remove(&t) } else { self.live.get(&t).cloned() };
-        let Some(live) = live else { return Ok(()) };
-        let measurement = if delayed {
-            tie::all_at_once(tie, s, &values, &rows, &live.states)
-        } else {
-            tie::against_landmark(&values, &rows, &noise, &live.states[0].1, &live.states[0].2)
-        };
-        self.compare(measurement, event, (t, s))?;
-        if last {
-            for (_, slots, _) in &live.states {
-                for at in slots {
-                    self.gaussian.leave(*at);
-                }
-            }
-        }
-        Ok(())
     }
 }

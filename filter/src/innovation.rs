@@ -87,18 +87,16 @@ fn normal_quantile(probability: f64) -> f64 {
 /// [`Singular`] when an innovation has no variance.
 pub(crate) fn take_in(
     gaussian: &mut Gaussian,
-    mut measurement: Measurement,
+    measurement: Measurement,
     (time_s, kind): (f64, MeasurementKind),
     false_alarm: f64,
     forced: bool,
 ) -> Result<(Innovation, Option<UpdateRecord>), Singular> {
     let m = measurement.rows.len();
     let (value, mut spread, columns) = gaussian.predict(&measurement);
-    let squared_by = |spread: &[f64]| -> Result<f64, Singular> {
-        let precision = invert(spread, m)?;
-        Ok((0..m * m).map(|k| value[k / m] * precision[k] * value[k % m]).sum())
-    };
-    let squared = squared_by(&spread)?;
+    let squared_with = |precision: &[f64]| (0..m * m).map(|k| value[k / m] * precision[k] * value[k % m]).sum::<f64>();
+    let mut precision = invert(&spread, m)?;
+    let squared = squared_with(&precision);
     let normalised = (0..m).map(|k| value[k] / spread[k * m + k].sqrt()).collect();
     let limit = chi_squared_limit(m, false_alarm);
     let mut weight = 1.0;
@@ -110,23 +108,23 @@ pub(crate) fn take_in(
         } else {
             // noise · factor puts the innovation onto the limit
             let mut factor = 1.0;
+            let mut wider = spread.clone();
             for _ in 0..60 {
                 factor *= 1.3;
-                let wider: Vec<f64> =
-                    spread.iter().zip(&measurement.noise).map(|(s, r)| s + (factor - 1.0) * r).collect();
-                if squared_by(&wider)? <= limit {
+                for ((w, s), r) in wider.iter_mut().zip(&spread).zip(&measurement.noise) {
+                    *w = s + (factor - 1.0) * r;
+                }
+                precision = invert(&wider, m)?;
+                if squared_with(&precision) <= limit {
                     break;
                 }
             }
-            for (s, r) in spread.iter_mut().zip(&mut measurement.noise) {
-                *s += (factor - 1.0) * *r;
-                *r *= factor;
-            }
+            spread = wider;
             weight = 1.0 / factor;
         }
     }
-    let record =
-        if weight > 0.0 { Some(gaussian.update_with(&measurement, (value.clone(), spread, columns))?) } else { None };
+    let predicted = (value.clone(), spread, columns);
+    let record = (weight > 0.0).then(|| gaussian.update_with(measurement.rows, predicted, precision));
     Ok((Innovation { time_s, kind, value, normalised, squared, weight }, record))
 }
 

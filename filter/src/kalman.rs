@@ -1,8 +1,7 @@
 //! The linear algebra of the filter: a mean and a covariance that are moved, updated, enlarged and shrunk.
 //! [`crate::adjoint`] runs back through the same operations.
 
-use nalgebra::{DMatrixView, DMatrixViewMut, SMatrix};
-
+use crate::lanes::{add_symmetric, move_columns};
 use crate::state::{CORE, NAV};
 use crate::transition::Transition;
 
@@ -229,21 +228,8 @@ impl Gaussian {
     /// Moves the covariance of slots and base: `P_bs ← Φ P_bs`.
     pub fn advance_slots(&mut self, transition: &Transition) {
         let (n, base, capacity) = (self.len(), self.base, self.capacity);
-        let slots = n - base;
-        if slots == 0 {
-            return;
-        }
-        // columns of the transposed: the slots' part of each row
-        let rows = DMatrixView::from_slice_with_strides(&self.covariance[base..], slots, CORE, 1, capacity);
-        let mut product = DMatrixViewMut::from_slice(&mut self.scratch, slots, NAV);
-        product.gemm(1.0, &rows, &SMatrix::<f64, CORE, NAV>::from_fn(|k, i| transition.nav[i][k]), 0.0);
-        for (i, d) in (NAV..base).zip(&transition.decay) {
-            for p in &mut self.covariance[i * capacity + base..i * capacity + n] {
-                *p *= d;
-            }
-        }
-        for (i, row) in product.column_iter().enumerate() {
-            self.covariance[i * capacity + base..i * capacity + n].copy_from_slice(row.as_slice());
+        if n > base {
+            move_columns(&mut self.covariance, (capacity, base, n), &transition.nav, &transition.decay);
         }
     }
 
@@ -274,29 +260,26 @@ impl Gaussian {
     ///
     /// # Errors
     /// [`Singular`] when the innovation has no variance.
-    pub fn update(&mut self, measurement: &Measurement) -> Result<UpdateRecord, Singular> {
-        let predicted = self.predict(measurement);
-        self.update_with(measurement, predicted)
+    pub fn update(&mut self, measurement: Measurement) -> Result<UpdateRecord, Singular> {
+        let (innovation, spread, columns) = self.predict(&measurement);
+        let precision = invert(&spread, innovation.len())?;
+        Ok(self.update_with(measurement.rows, (innovation, spread, columns), precision))
     }
 
-    /// Takes a measurement in whose prediction, [`Gaussian::predict`], is known.
-    ///
-    /// # Errors
-    /// As [`Gaussian::update`].
+    /// Takes a measurement in whose rows, prediction ([`Gaussian::predict`]) and precision, the inverse of its innovation's
+    /// covariance, are known.
     pub fn update_with(
         &mut self,
-        measurement: &Measurement,
-        (innovation, spread, columns): (Vec<f64>, Vec<f64>, Vec<Vec<f64>>),
-    ) -> Result<UpdateRecord, Singular> {
-        let (n, m) = (self.len(), measurement.rows.len());
-        let precision = invert(&spread, m)?;
+        rows: Vec<SparseRow>,
+        (innovation, spread, mut columns): (Vec<f64>, Vec<f64>, Vec<Vec<f64>>),
+        precision: Vec<f64>,
+    ) -> UpdateRecord {
+        let m = rows.len();
         let combine = |weights: &[f64], a: usize| {
-            let mut out = vec![0.0; n];
-            for (b, column) in columns.iter().enumerate() {
+            let mut out: Vec<f64> = columns[0].iter().map(|c| weights[a] * c).collect();
+            for (b, column) in columns.iter().enumerate().skip(1) {
                 let w = weights[b * m + a];
-                for (o, c) in out.iter_mut().zip(column) {
-                    *o += w * c;
-                }
+                out.iter_mut().zip(column).for_each(|(o, c)| *o += w * c);
             }
             out
         };
@@ -306,29 +289,17 @@ impl Gaussian {
                 *x += g * v;
             }
         }
-        for a in 0..m {
-            // K S of this column less two W: P += K (½ S Kᵀ - Wᵀ) + transpose
-            let mut half = vec![0.0; n];
+        // K S less two W: P += K (½ S Kᵀ - Wᵀ) + transpose
+        for (a, column) in columns.iter_mut().enumerate() {
+            column.iter_mut().for_each(|w| *w = -*w);
             for (b, k) in gain.iter().enumerate() {
                 let s = 0.5 * spread[b * m + a];
-                for (h, g) in half.iter_mut().zip(k) {
-                    *h += s * g;
-                }
-            }
-            for (h, w) in half.iter_mut().zip(&columns[a]) {
-                *h -= w;
-            }
-            let k = &gain[a];
-            for i in 0..n {
-                let (ki, hi) = (k[i], half[i]);
-                let columns = if i < self.base { 0..n } else { self.base..i + 1 };
-                let row = &mut self.covariance[i * self.capacity..][columns.clone()];
-                for ((p, kj), hj) in row.iter_mut().zip(&k[columns.clone()]).zip(&half[columns]) {
-                    *p += ki * hj + hi * kj;
-                }
+                column.iter_mut().zip(k).for_each(|(h, g)| *h += s * g);
             }
         }
-        Ok(UpdateRecord { innovation, precision, rows: measurement.rows.clone(), gain })
+        let pairs: Vec<(&[f64], &[f64])> = gain.iter().zip(&columns).map(|(k, h)| (&k[..], &h[..])).collect();
+        add_symmetric(&mut self.covariance, self.capacity, self.base, &pairs);
+        UpdateRecord { innovation, precision, rows, gain }
     }
 
     /// Brings in a state that is a combination of others plus noise: a landmark with the noise of its first sighting, a

@@ -32,6 +32,7 @@ pub mod grade;
 pub mod imu;
 pub mod innovation;
 pub mod kalman;
+mod lanes;
 pub mod observation;
 pub mod options;
 mod propagate;

@@ -164,6 +164,16 @@ impl<'a> Propagator<'a> {
         self.sums.interval_s
     }
 
+    /// The moment that the covariance stands at \[s\].
+    pub(crate) fn covariance_time_s(&self) -> f64 {
+        self.nominal.nav.time_s - self.held_s()
+    }
+
+    /// Whether the covariance has moved since the transition was last taken.
+    pub(crate) fn has_moved(&self) -> bool {
+        self.transition.is_some()
+    }
+
     /// Moves the covariance over the steps summed: half of the noise before, half after.
     fn move_covariance(&mut self, gaussian: &mut Gaussian) {
         let interval_s = self.sums.interval_s;

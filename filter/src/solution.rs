@@ -1,7 +1,5 @@
 //! What the smoother gives.
 
-use std::collections::HashMap;
-
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use crate::backward::SmoothedNode;
@@ -56,14 +54,13 @@ pub struct TieUse {
 }
 
 impl TieUse {
-    pub(crate) fn of_all(inputs: &Inputs, plan: &TiePlan, weight: &HashMap<(usize, usize), f64>) -> Vec<Self> {
+    pub(crate) fn of_all(inputs: &Inputs, plan: &TiePlan, weights: &[Vec<Option<f64>>]) -> Vec<Self> {
         inputs
             .ties
             .iter()
             .enumerate()
             .map(|(t, tie)| {
-                let weights: Vec<f64> =
-                    (0..tie.sightings.len()).map(|s| weight.get(&(t, s)).copied().unwrap_or(0.0)).collect();
+                let weights: Vec<f64> = weights[t].iter().map(|w| w.unwrap_or(0.0)).collect();
                 let why_not = plan.why_not.get(t).copied().flatten().or_else(|| {
                     let compared = if tie.known_m.is_some() { &weights[..] } else { &weights[1..] };
                     compared.iter().all(|w| *w <= 0.0).then_some("innovation")

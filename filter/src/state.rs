@@ -122,6 +122,14 @@ impl Layout {
         self.calibration.unwrap_or(self.base)
     }
 
+    /// States that are smoothed at every node: pose, and what changes within seconds.
+    #[must_use]
+    pub fn quick_states(&self) -> Vec<usize> {
+        let gnss_error = self.gnss_error.into_iter().flat_map(|at| at..at + 3);
+        let slip = self.slip.into_iter().flat_map(|at| at..at + 2);
+        (0..NAV).chain(gnss_error).chain(slip).collect()
+    }
+
     /// Names of the states with their units, but for the calibration, whose meaning the ties know.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
@@ -173,6 +181,23 @@ pub struct Parameters {
     pub mounting_rad: [f64; 2],
     /// Velocity of the vehicle to the right and down \[m/s\].
     pub slip_mps: [f64; 2],
+}
+
+impl Parameters {
+    /// With what changes slowly taken from the way between two others, 0 at the first and 1 at the second.
+    #[must_use]
+    pub fn between(self, first: &Self, second: &Self, share: f64) -> Self {
+        let way = |a: f64, b: f64| a + share * (b - a);
+        Self {
+            imu: first.imu.towards(&second.imu, share),
+            gnss_lever_arm_m: first.gnss_lever_arm_m.lerp(&second.gnss_lever_arm_m, share),
+            gnss_delay_s: way(first.gnss_delay_s, second.gnss_delay_s),
+            velocity_delay_s: way(first.velocity_delay_s, second.velocity_delay_s),
+            odometer_scale: way(first.odometer_scale, second.odometer_scale),
+            mounting_rad: std::array::from_fn(|k| way(first.mounting_rad[k], second.mounting_rad[k])),
+            ..self
+        }
+    }
 }
 
 /// The point of linearisation: pose and parameters.

@@ -38,6 +38,19 @@ pub struct ImuErrors {
     pub accelerometer_scale: Vector3<f64>,
 }
 
+impl ImuErrors {
+    /// What lies on the way to others, 0 here and 1 there.
+    #[must_use]
+    pub fn towards(&self, other: &Self, share: f64) -> Self {
+        Self {
+            gyro_bias_radps: self.gyro_bias_radps.lerp(&other.gyro_bias_radps, share),
+            accelerometer_bias_mps2: self.accelerometer_bias_mps2.lerp(&other.accelerometer_bias_mps2, share),
+            gyro_scale: self.gyro_scale.lerp(&other.gyro_scale, share),
+            accelerometer_scale: self.accelerometer_scale.lerp(&other.accelerometer_scale, share),
+        }
+    }
+}
+
 /// A part of a sample: increments free of the errors known, with what coning and sculling add.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Increment {

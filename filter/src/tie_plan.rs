@@ -28,6 +28,25 @@ struct Live {
     rank: usize,
     weight: f64,
     direction: Vector3<f64>,
+    /// How far the nearest other of a like direction is \[s\].
+    nearest_s: f64,
+}
+
+impl Live {
+    /// How far another is in time \[s\].
+    fn apart_s(&self, other: &Self) -> f64 {
+        (other.first_s - self.first_s).abs().max((other.last_s - self.last_s).abs())
+    }
+
+    /// Whether another looks the same way.
+    fn is_like(&self, other: &Self) -> bool {
+        self.direction.dot(&other.direction).abs() > 0.7
+    }
+
+    /// What it tells that no other does.
+    fn novelty(&self) -> f64 {
+        self.weight * (self.nearest_s / APART_S).min(1.0)
+    }
 }
 
 /// Chooses the ties for a span of time and a number of slots.
@@ -52,19 +71,21 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
             rank: t.directions.len(),
             weight: 1.0 / variance.max(1e-12),
             direction: t.directions[0],
+            nearest_s: f64::INFINITY,
         });
     }
     waiting.sort_by(|a, b| a.first_s.total_cmp(&b.first_s).then(a.tie.cmp(&b.tie)));
     let mut live: Vec<Live> = Vec::new();
     let mut dropped = 0;
     for next in waiting {
-        live.retain(|l| l.last_s >= next.first_s);
-        live.push(next);
+        while let Some(i) = live.iter().position(|l| l.last_s < next.first_s) {
+            take_away(&mut live, i);
+        }
+        add(&mut live, next);
         while live.iter().map(|l| l.rank).sum::<usize>() > slots {
-            let least =
-                (0..live.len()).map(|i| (novelty(&live, i), i)).min_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            let Some((_, i)) = least else { break };
-            why_not[live.swap_remove(i).tie] = Some("budget");
+            let least = live.iter().min_by(|a, b| a.novelty().total_cmp(&b.novelty()).then(b.tie.cmp(&a.tie)));
+            let Some(i) = least.map(|l| l.tie).and_then(|tie| live.iter().position(|l| l.tie == tie)) else { break };
+            why_not[take_away(&mut live, i).tie] = Some("budget");
             dropped += 1;
         }
     }
@@ -79,14 +100,27 @@ pub(crate) fn plan_ties(ties: &[FilterTie], slots: usize, (start_s, end_s): (f64
     TiePlan { used, why_not, notes }
 }
 
-/// What a live tie tells that no other does.
-fn novelty(live: &[Live], i: usize) -> f64 {
-    let me = &live[i];
-    let nearest = live
-        .iter()
-        .enumerate()
-        .filter(|(j, other)| *j != i && me.direction.dot(&other.direction).abs() > 0.7)
-        .map(|(_, other)| (other.first_s - me.first_s).abs().max((other.last_s - me.last_s).abs()))
-        .fold(f64::INFINITY, f64::min);
-    me.weight * (nearest / APART_S).min(1.0)
+/// Adds a tie to those alive.
+fn add(live: &mut Vec<Live>, mut next: Live) {
+    for other in live.iter_mut() {
+        let apart_s = next.apart_s(other);
+        if (apart_s < next.nearest_s || apart_s < other.nearest_s) && next.is_like(other) {
+            next.nearest_s = next.nearest_s.min(apart_s);
+            other.nearest_s = other.nearest_s.min(apart_s);
+        }
+    }
+    live.push(next);
+}
+
+/// Takes a tie away from those alive; whose nearest it was looks for another.
+fn take_away(live: &mut Vec<Live>, i: usize) -> Live {
+    let gone = live.swap_remove(i);
+    for j in 0..live.len() {
+        let me = &live[j];
+        if me.apart_s(&gone) <= me.nearest_s {
+            let others = live.iter().enumerate().filter(|(k, other)| *k != j && me.is_like(other));
+            live[j].nearest_s = others.map(|(_, other)| me.apart_s(other)).fold(f64::INFINITY, f64::min);
+        }
+    }
+    gone
 }

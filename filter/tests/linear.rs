@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use tieline_filter::adjoint::{Adjoint, smoothed};
 use tieline_filter::kalman::{Gaussian, Measurement, Slots, Stay};
 use tieline_filter::state::{CORE, NAV};
-use tieline_filter::tape::Operation;
+use tieline_filter::tape::{NodeRecord, Operation};
 use tieline_filter::transition::Transition;
 
 const BASE: usize = CORE + 2;
@@ -100,7 +100,7 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
             g.add_variances(&p.noise, 0.5);
         }
         for (_, m) in p.fixes.iter().filter(|f| f.0 == step) {
-            operations.push(Operation::Update(g.update(m).expect("noise")));
+            operations.push(Operation::Update(g.update(m.clone()).expect("noise")));
         }
         for (f, feature) in p.features.iter().enumerate() {
             let Some(s) = feature.iter().position(|s| s.0 == step) else { continue };
@@ -123,7 +123,7 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
                         m.noise[k * n + k] += feature[*other].3.powi(2);
                     }
                 }
-                operations.push(Operation::Update(g.update(&m).expect("noise")));
+                operations.push(Operation::Update(g.update(m.clone()).expect("noise")));
             }
             if last {
                 for (at, _) in std::mem::take(&mut live[f]) {
@@ -138,18 +138,9 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
     let mut out = Vec::new();
     for step in (0..=STEPS).rev() {
         let (operations, mean, rows) = &records[step];
-        out.push(smoothed(rows, mean, (mean.len(), BASE, BASE), &adjoint));
-        for operation in operations.iter().rev() {
-            match operation {
-                Operation::Update(update) => {
-                    adjoint.back_through_update(update);
-                }
-                Operation::Enter { at, row } => adjoint.back_through_entry(*at, row),
-            }
-        }
-        if step > 0 {
-            adjoint.back_through_transition(&p.transitions[step - 1], BASE);
-        }
+        out.push(smoothed(rows, &mean[..BASE], (mean.len(), BASE), &adjoint));
+        let transition = (step > 0).then(|| p.transitions[step - 1].clone());
+        adjoint.back_through(&NodeRecord { transition, operations: operations.clone() }, BASE);
     }
     out.reverse();
     out

@@ -118,6 +118,18 @@ impl Model {
         terms: CalibrationTerms,
         sigmas: &CalibrationSigmas,
     ) -> Self {
+        Self::with_terms(strips, time_models, &vec![terms; calibrations], sigmas)
+    }
+
+    /// The same with terms of its own for each calibration block: [`CalibrationTerms::NONE`] for a scanner that the
+    /// others are compared with.
+    #[must_use]
+    pub fn with_terms(
+        strips: &[StripSpec],
+        time_models: &[Option<TimeModel>],
+        terms: &[CalibrationTerms],
+        sigmas: &CalibrationSigmas,
+    ) -> Self {
         let mut parameters = Vec::new();
         let strips = strips
             .iter()
@@ -141,8 +153,10 @@ impl Model {
                 Some((first, basis))
             })
             .collect();
-        let calibrations = (0..calibrations)
-            .map(|block| {
+        let calibrations = terms
+            .iter()
+            .enumerate()
+            .map(|(block, terms)| {
                 std::array::from_fn(|k| {
                     let (wanted, prior_sigma) = match k {
                         0..3 => (terms.boresight, sigmas.boresight_rad),

@@ -15,6 +15,7 @@
 pub mod correction;
 pub mod crs;
 mod delimited;
+pub mod extrinsics;
 pub mod las;
 pub mod measurements;
 pub mod network;

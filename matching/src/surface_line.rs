@@ -157,7 +157,8 @@ impl RTreeObject for Boxed<'_> {
     }
 }
 
-fn bounds(patch: &Patch, margin_m: f64) -> ([f64; 3], [f64; 3]) {
+/// Corners of the upright box about a patch, widened by a margin \[m\].
+pub(crate) fn bounds(patch: &Patch, margin_m: f64) -> ([f64; 3], [f64; 3]) {
     let [a, b] = patch.half_extent_m();
     let reach = patch.long_axis.abs() * a + patch.cross_axis().abs() * b;
     let low = patch.centroid_m - reach;

@@ -81,6 +81,8 @@ fn project_of(args: &CorrectArgs) -> Project {
         fixed: false,
     };
     Project {
+        stations: Vec::new(),
+        extrinsics: None,
         imu: None,
         gnss: None,
         odometer: None,

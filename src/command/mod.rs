@@ -1,5 +1,6 @@
 //! The commands: each takes its arguments and prints its result.
 
+pub mod calibrate;
 pub mod convert;
 pub mod difference;
 pub mod drive;

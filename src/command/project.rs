@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use tieline_graph::Model;
 
 use crate::cli::{Common, CorrectArgs, JobArgs};
-use crate::command::{drive, navigate};
+use crate::command::{calibrate, drive, navigate};
 use crate::job::{Clock, JobOptions, Matched, correct_strips, match_strips, setup_of, solve_strips};
 use crate::memory::peak_bytes;
 use crate::outputs::{write_calibration, write_corrections, write_ties};
@@ -49,6 +49,9 @@ pub fn run(args: &JobArgs, overwrite: bool, common: &Common, out: &mut impl Writ
         bail!("the output folder {} is not empty: name another with --out, or give --overwrite", options.out.display());
     }
     let project = Project::load(&args.project)?;
+    if !project.stations.is_empty() {
+        return calibrate::of_stations(&project, &options.out, args.csv, common, out);
+    }
     if project.strips.is_empty() {
         return navigate::solve(&project, args, &[], common, out);
     }

@@ -19,6 +19,8 @@ pub(crate) enum Mark {
     Line,
     /// A line with a dot at each value.
     Dots,
+    /// Dots that no line joins.
+    Scatter,
     /// A filled area down to zero.
     Area,
 }
@@ -162,8 +164,10 @@ impl Panel {
                     );
                     continue;
                 }
-                let _ = writeln!(svg, "<path class=\"line {class}\" d=\"{}\"/>", path(&points));
-                if curve.mark == Mark::Dots {
+                if curve.mark != Mark::Scatter {
+                    let _ = writeln!(svg, "<path class=\"line {class}\" d=\"{}\"/>", path(&points));
+                }
+                if matches!(curve.mark, Mark::Dots | Mark::Scatter) {
                     let dots: String = points.iter().map(|p| format!("M{:.1} {:.1}h0", p.0, p.1)).collect();
                     let _ = writeln!(svg, "<path class=\"dots {class}\" d=\"{dots}\"/>");
                 }

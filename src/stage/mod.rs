@@ -6,5 +6,6 @@ pub mod drive;
 pub mod navigate;
 pub mod scan;
 pub mod solve;
+pub mod stations;
 pub mod ties;
 pub mod trajectory;

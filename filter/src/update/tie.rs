@@ -52,7 +52,7 @@ pub struct FilterTie {
 
 /// Coordinates of a sighting from the origin along the directions \[m\], with their rows.
 ///
-/// The rows are over the errors `held_s` before the sighting: over a twentieth of a second a position's error grows by
+/// The rows are over the errors `held_s` before the sighting, or after it where that is negative: over a twentieth of a second a position's error grows by
 /// the velocity's; what else changes is below a tenth of a millimetre for any grade. `calibration` is where the constants
 /// stand, if they are estimated.
 #[must_use]
@@ -75,7 +75,7 @@ pub fn coordinates(
             let u = ned_from_ecef * u;
             let by_attitude = arm_ned.cross(&u); // -uᵀ [a]× = (a × u)ᵀ
             let now = (0..3).map(|k| (POSITION + k, u[k])).chain((0..3).map(|k| (ATTITUDE + k, by_attitude[k])));
-            let moving = if held_s > 0.0 { 3 } else { 0 };
+            let moving = if held_s == 0.0 { 0 } else { 3 };
             let moved = now.chain((0..moving).map(|k| (VELOCITY + k, held_s * u[k])));
             let u_body = nominal.nav.ned_from_body.inverse_transform_vector(&u);
             let constants = calibration.into_iter().flat_map(|at| sighting.by_constant.iter().map(move |c| (at, c)));

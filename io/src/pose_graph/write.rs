@@ -43,7 +43,7 @@ pub fn format(graph: &PoseGraph, format: Format) -> Result<String, &'static str>
         match (edge.measured, format) {
             (Measured::Between2(m, w), Format::G2o) => line(&mut text, "EDGE_SE2", &[a, b], &[&m[..], &w].concat()),
             (Measured::Between3(m, w), Format::G2o) => {
-                line(&mut text, "EDGE_SE3:QUAT", &[a, b], &[&m[..], &w].concat())
+                line(&mut text, "EDGE_SE3:QUAT", &[a, b], &[&m[..], &w].concat());
             }
             (Measured::Between2(m, w), Format::Toro) => {
                 line(&mut text, "EDGE2", &[a, b], &[&m[..], &[w[0], w[1], w[3], w[5], w[2], w[4]]].concat());

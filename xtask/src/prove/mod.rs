@@ -8,6 +8,7 @@ mod mobile;
 mod real;
 mod same;
 mod statistics;
+mod vehicle;
 
 /// One line of a proof.
 pub(crate) struct Row {
@@ -48,10 +49,11 @@ type Proof = fn() -> anyhow::Result<Vec<Row>>;
 
 /// Runs the proofs on drives.
 pub(crate) fn mobile(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 3] = [
+    let proofs: [(&str, Proof); 4] = [
         ("1 an independent simulator", mobile::block),
         ("2 loop through an outage", mobile::loop_closure),
         ("3 two scanners through an outage", mobile::odometer_of_two_scanners),
+        ("8 a real vehicle with three scanners", vehicle::scanners),
     ];
     run(&proofs, only)
 }

@@ -15,13 +15,13 @@ const OPTIMA: [(&str, &[&str], f64); 13] = [
     ("intel", &[], 45.004_695_81),
     ("intel", &["--convention", "log"], 45.004_233_09),
     ("city10000", &[], 511.985_163_6),
-    ("sphere2500", &[], 1351.362_327),
-    ("sphere2500", &["--convention", "log"], 1351.401_926),
+    ("sphere2500", &[], 1_351.362_327),
+    ("sphere2500", &["--convention", "log"], 1_351.401_926),
     ("sphere2500", &["--convention", "g2o"], 727.149_667_5),
     ("parking-garage", &[], 1.268_384_402),
     ("parking-garage", &["--convention", "log"], 1.268_384_799),
     ("parking-garage", &["--convention", "g2o"], 1.238_690_580),
-    ("smallGrid3D", &[], 1033.894_404),
+    ("smallGrid3D", &[], 1_033.894_404),
     ("smallGrid3D", &["--convention", "g2o"], 458.153_784_3),
 ];
 

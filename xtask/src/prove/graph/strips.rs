@@ -1,7 +1,5 @@
 //! Line 8: a block of 1,000 strips.
 
-use std::time::Instant;
-
 use anyhow::Result;
 use tieline::memory::peak_bytes;
 use tieline::net::strip_block;
@@ -14,6 +12,7 @@ use tieline_graph::system::{Method, Order, System};
 use tieline_simulate::block::{BlockOptions, simulate_block};
 
 use super::super::Row;
+use super::cpu_s;
 
 /// Line 8, in a process of its own for its memory: `prove graph --only 8`.
 pub(crate) fn rows() -> Result<Vec<Row>> {
@@ -32,7 +31,7 @@ fn adjust(name: &str, options: &BlockOptions, group_bytes: usize, knots_too: boo
     let folder = tempfile::tempdir()?;
     let disk = Disk { folder: folder.path().to_path_buf(), group_bytes };
     let solver = SolveOptions { method: Method::HelmertOnDisk(disk), ..SolveOptions::default() };
-    let begin = Instant::now();
+    let begin = cpu_s();
     let mut system = System::new(&problem, Order::Places, PartitionOptions::default(), solver.method.clone())?;
     println!(
         "{name}: {} unknowns, {} observations; {:.1} G multiplications, panels of {:.2} GB",
@@ -42,20 +41,22 @@ fn adjust(name: &str, options: &BlockOptions, group_bytes: usize, knots_too: boo
         8e-9 * system.tree.panel_numbers() as f64
     );
     let solved = solve_system(&mut problem, &mut system, &solver)?;
-    let each = (begin.elapsed().as_secs_f64() - system.order_s) / solved.iterations as f64 + system.order_s;
+    let each = (cpu_s() - begin - system.order_s) / solved.iterations as f64 + system.order_s;
     let mut rows = vec![
-        Row::at_most(format!("{name}: order, linearise, factorise, solve once"), each, 60.0, "s"),
+        Row::at_most(format!("{name}: order, linearise, factorise, solve once, CPU"), each, 60.0, "s"),
         Row::at_most(format!("{name}: iterations"), solved.iterations as f64, 4.0, ""),
     ];
     let freedom = solved.degrees_of_freedom as f64;
     // priors are observations: chi2 over the degrees of freedom is 1 within its scatter
     let off = (solved.cost / freedom - 1.0).abs() / (2.0 / freedom).sqrt();
     rows.push(Row::at_most(format!("{name}: chi2 over degrees of freedom off 1, in sigmas"), off, 4.0, ""));
+    for row in &rows {
+        row.print();
+    }
     let covariances = selected(&problem, &system, false)?;
     let mut inside = (0.0, 0.0);
     let mut count = |estimate: &[f64], sigmas: &[f64], truth: &[f64]| {
         for ((e, s), t) in estimate.iter().zip(sigmas).zip(truth) {
-            // corrections are the negative of nothing: the estimate is the injected value itself
             inside.0 += f64::from(u8::from((e - t).abs() <= 1.959_964 * s));
             inside.1 += 1.0;
         }

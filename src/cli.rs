@@ -118,6 +118,8 @@ pub enum Command {
         #[arg(long)]
         overwrite: bool,
     },
+    /// Adjust pose graphs and geodetic nets
+    Graph(GraphArgs),
     /// Print completions for a shell
     Completions {
         /// Shell
@@ -236,4 +238,148 @@ pub enum TrajectoryCommand {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+}
+
+/// `graph …`; `graph FILE…` is short for `graph solve FILE…`.
+#[derive(Debug, Clone, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct GraphArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub command: Option<GraphCommand>,
+    /// Without a command: solve
+    #[command(flatten)]
+    pub solve: Option<GraphSolveArgs>,
+}
+
+/// Commands on graphs.
+#[derive(Debug, Clone, Subcommand)]
+pub enum GraphCommand {
+    /// Adjust a pose graph (.g2o, TORO .graph) or a net (GNU Gama .gkf; `DynAdjust` .stn and .msr)
+    Solve(GraphSolveArgs),
+    /// Make a net of any size, with noise
+    Generate(GraphGenerateArgs),
+}
+
+/// `graph solve`.
+#[derive(Debug, Clone, Args)]
+pub struct GraphSolveArgs {
+    /// Pose graph or net; `DynAdjust` takes its .stn and .msr
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// How the normal equations are solved
+    #[arg(long, value_enum, default_value = "helmert")]
+    pub method: GraphMethod,
+    /// Error of relations of poses
+    #[arg(long, value_enum, default_value = "plain")]
+    pub convention: GraphConvention,
+    /// Kernel of loop edges and ties: none, huber[:K], cauchy[:C], dcs[:PHI], switch[:PHI], gnc[:C]
+    #[arg(long, default_value = "none", value_name = "KERNEL")]
+    pub robust: String,
+    /// First values of poses
+    #[arg(long, value_enum, default_value = "auto")]
+    pub initial: GraphInitial,
+    /// First values from the vertices of another file
+    #[arg(long, value_name = "FILE")]
+    pub start: Option<PathBuf>,
+    /// Standard deviations of all unknowns
+    #[arg(long)]
+    pub sigmas: bool,
+    /// Most iterations
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub iterations: usize,
+    /// Most nodes of a block that is not cut further
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub leaf: usize,
+    /// Memory for the factorisation, in MiB; what is larger goes to disk (helmert)
+    #[arg(long, value_name = "MIB")]
+    pub memory: Option<u64>,
+    /// Folder for block files; a run that was killed is taken up from there [default: one in --out or the system's]
+    #[arg(long, value_name = "DIR")]
+    pub blocks: Option<PathBuf>,
+    /// Output folder: solved graph or coordinates, sigmas, plots
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// `graph generate`.
+#[derive(Debug, Clone, Args)]
+pub struct GraphGenerateArgs {
+    /// Stations; the next square number is taken
+    #[arg(long, value_name = "N")]
+    pub stations: usize,
+    /// What is measured
+    #[arg(long, value_enum)]
+    pub kind: GraphKind,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Adjust the net as well, with --method and the rest of `solve` at their defaults
+    #[arg(long)]
+    pub solve: bool,
+    /// How the normal equations are solved
+    #[arg(long, value_enum, default_value = "helmert")]
+    pub method: GraphMethod,
+    /// Standard deviations of all unknowns
+    #[arg(long)]
+    pub sigmas: bool,
+    /// Most iterations
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub iterations: usize,
+    /// Most nodes of a block that is not cut further
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub leaf: usize,
+    /// Memory for the factorisation, in MiB; what is larger goes to disk (helmert)
+    #[arg(long, value_name = "MIB")]
+    pub memory: Option<u64>,
+    /// Folder for block files
+    #[arg(long, value_name = "DIR")]
+    pub blocks: Option<PathBuf>,
+    /// Output folder for the net as `DynAdjust` (baselines) or GNU Gama (directions) files
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How the normal equations are solved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphMethod {
+    /// A library's sparse Cholesky on the same order, as reference
+    Cholesky,
+    /// Helmert blocking
+    Helmert,
+    /// Bowie's junctions and sections
+    Bowie,
+}
+
+/// Error of relations of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphConvention {
+    /// Translation of what is left; wrapped angle or rotation vector
+    Plain,
+    /// Logarithm of the rigid motion
+    Log,
+    /// Vector part of the quaternion
+    G2o,
+}
+
+/// First values of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphInitial {
+    /// Those of the file or the chordal ones, whichever fits better
+    Auto,
+    /// Those of the file
+    File,
+    /// Chordal rotations, linear translations
+    Chordal,
+    /// One piece of the trajectory after the other
+    Incremental,
+}
+
+/// What is measured in a generated net.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphKind {
+    /// Direction sets and some distances, in the plane
+    Directions,
+    /// GNSS baselines
+    Baselines,
 }

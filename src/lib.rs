@@ -8,6 +8,7 @@ pub mod command;
 pub mod job;
 pub mod memory;
 pub mod navigation;
+pub mod net;
 pub mod outputs;
 pub mod progress;
 pub mod project;

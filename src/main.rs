@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{CommandFactory, Parser};
 use tieline::cli::{Cli, Command};
-use tieline::command::{calibrate, convert, difference, info, project, simulate, trajectory};
+use tieline::command::{calibrate, convert, difference, graph, info, project, simulate, trajectory};
 use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
@@ -80,6 +80,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Simulate { scenario, out: folder, overwrite } => {
             simulate::run(scenario, folder, *overwrite, common, &mut out)
         }
+        Command::Graph(args) => graph::run(args, common, &mut out),
         Command::Completions { shell } => {
             let mut script = Vec::new(); // the generator panics where a pipe is closed
             clap_complete::generate(*shell, &mut Cli::command(), "tieline", &mut script);

@@ -8,6 +8,8 @@
 //! | [`crs`] | coordinate reference systems: geographic, projected, local |
 //! | [`ties`] | `ties.parquet` and `ties.csv` |
 //! | [`correction`] | `correction.csv` |
+//! | [`network`] | geodetic nets: GNU Gama, `DynAdjust` |
+//! | [`pose_graph`] | pose graphs: g2o, TORO |
 //! | [`output`] | files that appear whole or not at all |
 
 pub mod correction;
@@ -16,6 +18,8 @@ mod delimited;
 pub mod extrinsics;
 pub mod las;
 pub mod measurements;
+pub mod network;
 pub mod output;
+pub mod pose_graph;
 pub mod ties;
 pub mod trajectory;

@@ -23,6 +23,8 @@
 //! | [`survey`] | echoes: true and delivered point, block by block, the same for any number of threads |
 //! | [`output`] | the files |
 //! | [`drive`] | drives of a mobile mapping system through streets |
+//! | [`block`] | blocks of strips with ties, for scale tests |
+//! | [`net`] | geodetic nets, false loop edges |
 //! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
 //! No estimator depends on this crate: truth cannot leak.
@@ -36,10 +38,12 @@
 //! ```
 
 mod any;
+pub mod block;
 pub mod drive;
 mod error;
 pub mod flight;
 pub mod navigation;
+pub mod net;
 pub mod output;
 mod presets;
 mod random;

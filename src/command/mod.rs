@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod convert;
 pub mod difference;
 pub mod drive;
+pub mod graph;
 pub mod info;
 pub mod navigate;
 pub mod project;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::print_stdout)] // a program of proofs prints them
 
+mod figures;
 mod prove;
 
 use clap::{Parser, Subcommand};
@@ -15,10 +16,12 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
+    /// Draws the figures of docs/graph.md
+    Figures,
     /// Runs every line of a proof; prints name, value, bound, pass or fail; fails if any fails
     Prove {
         /// Which proof
-        #[arg(value_parser = ["strips", "filter", "mobile"])]
+        #[arg(value_parser = ["strips", "filter", "mobile", "graph"])]
         what: String,
         /// Only the lines whose name begins with this
         #[arg(long)]
@@ -28,7 +31,9 @@ enum Task {
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
+        Task::Figures => figures::draw(),
         Task::Prove { what, only } if what == "filter" => prove::filter(only.as_deref()),
+        Task::Prove { what, only } if what == "graph" => prove::graph(only.as_deref()),
         Task::Prove { what, only } if what == "mobile" => prove::mobile(only.as_deref()),
         Task::Prove { only, .. } => prove::strips(only.as_deref()),
     }

@@ -1,8 +1,9 @@
-//! The proofs: strips, filter and drives.
+//! The proofs: strips, filter, drives and graphs.
 
 mod commands;
 mod filter;
 mod filter_statistics;
+mod graph;
 mod mobile;
 mod real;
 mod same;
@@ -84,6 +85,23 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
         ("7 false ties", filter_statistics::false_ties),
         ("8 speed", commands::smoother_speed),
         ("9 mistakes a person makes", commands::navigation_mistakes),
+    ];
+    run(&proofs, only)
+}
+
+/// Runs the proofs on graphs.
+pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
+    let proofs: [(&str, Proof); 10] = [
+        ("1 known optima", graph::chi2),
+        ("1 known sigmas", graph::sigmas),
+        ("1 known nets", graph::nets),
+        ("2 Helmert blocking is exact", graph::blocking),
+        ("3 speed of pose graphs", graph::speed),
+        ("4 size", graph::scale),
+        ("5 all marginals", graph::marginals),
+        ("6 false loops", graph::outliers),
+        ("7 junctions and sections", graph::junctions),
+        ("8 a block of strips", graph::strips),
     ];
     run(&proofs, only)
 }

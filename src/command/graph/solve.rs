@@ -1,0 +1,328 @@
+//! `graph solve`: adjusts a pose graph or a net.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use tieline_graph::bowie::{self, BowieOptions, BowieStep};
+use tieline_graph::covariance::{Covariances, covariances};
+use tieline_graph::factor::Convention;
+use tieline_graph::helmert::out_of_core::{self, Disk};
+use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
+use tieline_graph::robust::Kernel;
+use tieline_graph::system::{Method, System};
+use tieline_graph::{Problem, Values, initialise};
+
+use super::robust::{self, Robust};
+use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSolveArgs};
+use crate::memory::peak_bytes;
+use crate::net::pose_graph;
+
+/// CPU seconds of the threads of this process so far.
+pub(super) fn cpu_s() -> f64 {
+    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0.0 };
+    tasks
+        .filter_map(Result::ok)
+        .filter_map(|task| std::fs::read_to_string(task.path().join("schedstat")).ok())
+        .filter_map(|text| text.split_whitespace().next()?.parse::<f64>().ok())
+        .sum::<f64>()
+        * 1e-9
+}
+
+/// What a solution is told by.
+#[derive(Debug, Default)]
+pub(super) struct Outcome {
+    /// What the adjustment did.
+    pub(super) solved: Solved,
+    /// From the graph in memory to convergence \[s\].
+    pub(super) solve_s: f64,
+    /// CPU seconds from the graph in memory to convergence.
+    pub(super) solve_cpu_s: f64,
+    /// CPU seconds for covariances.
+    pub(super) covariance_cpu_s: f64,
+    /// CPU seconds of the program.
+    pub(super) total_cpu_s: f64,
+    /// Where the values began.
+    pub(super) initial: &'static str,
+    /// Covariances, when asked for.
+    pub(super) covariances: Option<Covariances>,
+    /// Seconds for them.
+    pub(super) covariance_s: f64,
+    /// Groups of blocks taken over from a run that was killed.
+    pub(super) resumed_blocks: usize,
+    /// Junctions and sections of the last step.
+    pub(super) bowie: Option<BowieStep>,
+    /// Numbers in the panels.
+    pub(super) panel_numbers: usize,
+    /// Multiplications of a factorisation.
+    pub(super) flops: f64,
+}
+
+/// How to solve.
+#[derive(Debug, Clone)]
+pub(super) struct Setup {
+    /// How the normal equations are solved.
+    pub(super) method: GraphMethod,
+    /// Most nodes of a leaf.
+    pub(super) leaf: usize,
+    /// Memory for the factorisation \[MiB\].
+    pub(super) memory: Option<u64>,
+    /// Folder of block files.
+    pub(super) blocks: Option<PathBuf>,
+    /// Whether sigmas are wanted.
+    pub(super) sigmas: bool,
+    /// Most iterations.
+    pub(super) iterations: usize,
+}
+
+impl Setup {
+    pub(super) fn of(args: &GraphSolveArgs) -> Self {
+        Self {
+            method: args.method,
+            leaf: args.leaf,
+            memory: args.memory,
+            blocks: args.blocks.clone(),
+            sigmas: args.sigmas,
+            iterations: args.iterations,
+        }
+    }
+    /// Settings of the solver.
+    fn options(&self, kernel: Kernel) -> SolveOptions {
+        let method = match self.method {
+            GraphMethod::Cholesky => Method::Cholesky,
+            _ => Method::Helmert,
+        };
+        let mut options = SolveOptions { method, kernel, iterations: self.iterations, ..SolveOptions::default() };
+        options.partition.leaf_nodes = self.leaf;
+        options
+    }
+    /// A system, on disk where the memory asks for it.
+    fn system(&self, problem: &Problem, options: &SolveOptions) -> Result<(System, Option<tempfile::TempDir>)> {
+        let mut system = System::new(problem, options.order, options.partition, options.method.clone())?;
+        let bytes = 8 * system.tree.panel_numbers() as u64;
+        let budget = self.memory.map(|mib| mib << 20);
+        let mut temporary = None;
+        if self.blocks.is_some() || budget.is_some_and(|b| bytes > b) {
+            if self.method != GraphMethod::Helmert {
+                bail!("the factorisation needs {} MiB; --memory and --blocks are for --method helmert", bytes >> 20);
+            }
+            let folder = match &self.blocks {
+                Some(folder) => {
+                    out_of_core::prepare(folder)?;
+                    folder.clone()
+                }
+                None => {
+                    let folder = tempfile::tempdir().context("a folder for block files")?;
+                    let path = folder.path().to_path_buf();
+                    temporary = Some(folder);
+                    path
+                }
+            };
+            let group_bytes = usize::try_from(budget.unwrap_or(128 << 20) / 8).unwrap_or(usize::MAX);
+            system.use_disk(Disk { folder, group_bytes });
+        }
+        Ok((system, temporary))
+    }
+}
+
+/// Adjusts a net from its own values.
+///
+/// # Errors
+/// As the solver's.
+pub(super) fn adjust_net(problem: &mut Problem, setup: &Setup) -> Result<Outcome> {
+    adjust(problem, setup, Robust::Kernel(Kernel::None), GraphInitial::File)
+}
+
+/// Adjusts what the arguments name.
+///
+/// # Errors
+/// When a file cannot be read, the graph is not determined, or the output cannot be written.
+pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
+    let path = args.files.first().context("name a file")?;
+    if super::geodetic::is_net(path) {
+        return super::geodetic::run(args, common, out);
+    }
+    run_pose_graph(path, args, common, out)
+}
+
+fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
+    let mut graph = tieline_io::pose_graph::read(path)?;
+    if let Some(start) = &args.start {
+        pose_graph::take_values(&mut graph, &tieline_io::pose_graph::read(start)?);
+    }
+    let convention = match args.convention {
+        GraphConvention::Plain => Convention::Plain,
+        GraphConvention::Log => Convention::Log,
+        GraphConvention::G2o => Convention::G2o,
+    };
+    let robust = robust::parse(&args.robust)?;
+    let mut problem = pose_graph::problem(&graph, convention)?;
+    let before = problem.values.clone();
+    let outcome = adjust(&mut problem, &Setup::of(args), robust, args.initial)?;
+    if let Some(folder) = &args.out {
+        super::output::pose_graph(folder, &graph, &before, &problem, outcome.covariances.as_ref())?;
+    }
+    let name = match args.convention {
+        GraphConvention::Plain => "plain",
+        GraphConvention::Log => "log",
+        GraphConvention::G2o => "g2o",
+    };
+    report(args, common, name, &problem, &outcome, out)
+}
+
+/// First values, solution, covariances.
+///
+/// # Errors
+/// As the solver's.
+pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initial: GraphInitial) -> Result<Outcome> {
+    let (begin, cpu) = (Instant::now(), cpu_s());
+    let options = setup.options(robust.kernel());
+    // large nets are not copied for nothing
+    let from_file = if initial == GraphInitial::Auto { problem.values.clone() } else { Values::default() };
+    let wanted = initial;
+    let initial = first_values(problem, initial, &options)?;
+    if setup.method == GraphMethod::Bowie {
+        let options = BowieOptions::default();
+        let (solved, step) = bowie::solve(problem, &robust.kernel(), &options, setup.iterations)?;
+        let solve_s = begin.elapsed().as_secs_f64();
+        let (solve_cpu_s, total_cpu_s) = (cpu_s() - cpu, cpu_s());
+        return Ok(Outcome {
+            solved,
+            solve_s,
+            solve_cpu_s,
+            total_cpu_s,
+            initial,
+            bowie: Some(step),
+            ..Outcome::default()
+        });
+    }
+    let (mut system, _temporary) = setup.system(problem, &options)?;
+    let from_file = (initial == "chordal" && wanted == GraphInitial::Auto).then_some(from_file);
+    let mut initial = initial;
+    let mut solved = robust.solve(problem, &mut system, &options, solve_system)?;
+    if let Some(values) = from_file.filter(|_| !solved.converged && options.iterations > 1) {
+        // the better guess is not always in the better basin
+        let (first, first_values) = (solved, std::mem::replace(&mut problem.values, values));
+        solved = robust.solve(problem, &mut system, &options, solve_system)?;
+        initial = "file";
+        if first.cost < solved.cost {
+            (solved, problem.values, initial) = (first, first_values, "chordal");
+        }
+    }
+    solved.total_s += system.order_s;
+    let solve_s = begin.elapsed().as_secs_f64();
+    let mut outcome = Outcome {
+        solved,
+        solve_s,
+        solve_cpu_s: cpu_s() - cpu,
+        initial,
+        panel_numbers: system.tree.panel_numbers(),
+        flops: system.tree.flops(),
+        ..Outcome::default()
+    };
+    if setup.sigmas {
+        if options.method_is_reference() {
+            bail!("--sigmas needs --method helmert: the reference keeps no blocks to invert");
+        }
+        let (begin, cpu) = (Instant::now(), cpu_s());
+        outcome.covariances = Some(covariances(problem, &mut system, &options.kernel, false)?);
+        outcome.covariance_s = begin.elapsed().as_secs_f64();
+        outcome.covariance_cpu_s = cpu_s() - cpu;
+    }
+    if let Some(disk) = system.on_disk() {
+        outcome.resumed_blocks = disk.resumed;
+        disk.delete();
+    }
+    outcome.total_cpu_s = cpu_s();
+    Ok(outcome)
+}
+
+/// Puts first values into a problem; says which.
+fn first_values(problem: &mut Problem, initial: GraphInitial, options: &SolveOptions) -> Result<&'static str> {
+    match initial {
+        GraphInitial::File => Ok("file"),
+        GraphInitial::Chordal => {
+            problem.values = initialise::chordal(problem)?;
+            Ok("chordal")
+        }
+        GraphInitial::Incremental => {
+            initialise::incremental(problem, options)?;
+            Ok("incremental")
+        }
+        GraphInitial::Auto => {
+            // with false loop edges about, linear first values are worse than any odometry
+            if options.kernel != Kernel::None {
+                return Ok("file");
+            }
+            let Ok(values) = initialise::chordal(problem) else { return Ok("file") };
+            if problem.cost(&values, &options.kernel) < problem.cost(&problem.values, &options.kernel) {
+                problem.values = values;
+                return Ok("chordal");
+            }
+            Ok("file")
+        }
+    }
+}
+
+/// The result, as JSON or for people.
+fn report(
+    args: &GraphSolveArgs,
+    common: &Common,
+    convention: &str,
+    problem: &Problem,
+    outcome: &Outcome,
+    out: &mut impl Write,
+) -> Result<()> {
+    let method = match args.method {
+        GraphMethod::Cholesky => "cholesky",
+        GraphMethod::Helmert => "helmert",
+        GraphMethod::Bowie => "bowie",
+    };
+    let solved = &outcome.solved;
+    if common.json {
+        let mut value = serde_json::json!({
+            "method": method,
+            "convention": convention,
+            "initial": outcome.initial,
+            "chi2": solved.cost,
+            "dof": solved.degrees_of_freedom,
+            "converged": solved.converged,
+            "iterations": solved.iterations,
+            "order_s": solved.order_s,
+            "factor_s": solved.factor_s,
+            "solve_s": outcome.solve_s,
+            "solve_cpu_s": outcome.solve_cpu_s,
+            "total_cpu_s": outcome.total_cpu_s,
+            "peak_memory_bytes": peak_bytes(),
+        });
+        if let Some(step) = &outcome.bowie {
+            value["bowie"] = serde_json::json!({
+                "junctions": step.junctions,
+                "sections": step.sections,
+                "left_out": step.left_out,
+                "passes": step.misclosure.len(),
+            });
+        }
+        if let Some(covariances) = &outcome.covariances {
+            value["covariance_s"] = outcome.covariance_s.into();
+            value["covariance_cpu_s"] = outcome.covariance_cpu_s.into();
+            if args.out.is_none() {
+                let sigmas: serde_json::Map<String, serde_json::Value> = problem
+                    .variables()
+                    .filter(|v| !problem.is_fixed(*v))
+                    .map(|v| (problem.name(v), covariances.sigmas(v).into()))
+                    .collect();
+                value["sigmas"] = sigmas.into();
+            }
+        }
+        writeln!(out, "{value:#}")?;
+    } else if !common.quiet {
+        writeln!(
+            out,
+            "{method}: chi2 {:.9} with {} degrees of freedom after {} iterations from {} values ({:.3} s)",
+            solved.cost, solved.degrees_of_freedom, solved.iterations, outcome.initial, outcome.solve_s
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,101 @@
+//! Line 7: Bowie's method against the exact solution.
+
+use anyhow::Result;
+use tieline::net::{pose_graph, simulated};
+use tieline_graph::Problem;
+use tieline_graph::bowie::{BowieOptions, linear_step};
+use tieline_graph::factor::Convention;
+use tieline_graph::linear::blocks::Normal;
+use tieline_graph::robust::Kernel;
+use tieline_graph::system::{Method, Order, System};
+use tieline_io::pose_graph::{Measured, PoseGraph};
+use tieline_simulate::net::{NetKind, simulate_net};
+
+use super::super::Row;
+use super::data;
+
+/// The exact linear step, variable by variable, and its seconds.
+fn exact(problem: &Problem) -> Result<(Vec<f64>, f64)> {
+    let begin = std::time::Instant::now();
+    let options = tieline_graph::nonlinear::SolveOptions::default();
+    let mut system = System::new(problem, Order::Automatic, options.partition, Method::Helmert)?;
+    let mut normal = Normal::default();
+    system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
+    let mut right = normal.right.clone();
+    system.solve(problem, &normal.numbers, &mut right)?;
+    let mut plain = Vec::with_capacity(right.len());
+    for id in problem.variables().filter(|v| !problem.is_fixed(*v)) {
+        let first = system.pattern.scalar[id.index()] as usize;
+        plain.extend_from_slice(&right[first..first + problem.values.kind(id).dimension()]);
+    }
+    Ok((plain, begin.elapsed().as_secs_f64()))
+}
+
+fn off(a: &[f64], b: &[f64]) -> f64 {
+    let top: f64 = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum();
+    (top / b.iter().map(|y| y * y).sum::<f64>()).sqrt()
+}
+
+/// M3500 without the loops, and with every thirtieth: chains and sections whose ends are junctions.
+fn thinned(stride: usize) -> Result<PoseGraph> {
+    let mut graph = tieline_io::pose_graph::read(&data("M3500.g2o"))?;
+    let mut seen = 0;
+    graph.edges.retain(|edge| {
+        let consecutive = edge.vertices[0].abs_diff(edge.vertices[1]) == 1;
+        seen += usize::from(!consecutive);
+        consecutive || seen % stride == 0
+    });
+    // moved off the solution of a chain, whose step would be zero
+    for (k, vertex) in graph.vertices.iter_mut().enumerate() {
+        if let tieline_io::pose_graph::VertexValue::Pose2(v) = &mut vertex.value {
+            v[0] += 1e-3 * f64::from(u32::try_from(k % 7).unwrap_or(0));
+        }
+    }
+    debug_assert!(graph.edges.iter().all(|e| matches!(e.measured, Measured::Between2(..))));
+    Ok(graph)
+}
+
+/// Line 7.
+pub(crate) fn rows() -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    let all = BowieOptions { loop_share: 1.0, ..BowieOptions::default() };
+    for (label, stride) in [("chain", usize::MAX), ("sections between junctions", 30)] {
+        let mut problem = pose_graph::problem(&thinned(stride)?, Convention::Plain)?;
+        let (truth, _) = exact(&problem)?;
+        let step = linear_step(&mut problem, &Kernel::None, &all, &[0])?;
+        let name = format!("{label}: {} junctions, {} sections: first pass off exact", step.junctions, step.sections);
+        rows.push(Row::at_most(name, off(&step.steps[0], &truth) * 1e9, 1.0, "1e-9"));
+    }
+    let file = tieline_io::pose_graph::read(&data("M3500.g2o"))?;
+    let mut pose = pose_graph::problem(&file, Convention::Plain)?;
+    pose.values = tieline_graph::initialise::chordal(&pose)?;
+    let (net, _) = simulate_net(270_400, NetKind::Baselines, 7);
+    let mut problems = vec![("M3500", pose), ("net of 270,400 stations", simulated::problem(&net))];
+    for (name, problem) in &mut problems {
+        let (truth, exact_s) = exact(problem)?;
+        println!("{name}: exact step in {exact_s:.3} s");
+        for loop_share in [0.02, 0.1, 0.3] {
+            let options = BowieOptions { loop_share, passes: 31, tolerance: 1e-12 };
+            let step = linear_step(problem, &Kernel::None, &options, &[0, 2, 9, 29])?;
+            let errors: Vec<String> = step.steps.iter().map(|s| format!("{:.1e}", off(s, &truth))).collect();
+            println!(
+                "  loops kept {loop_share}: {} junctions, {} sections, {} factors left out; {:.3} s + {:.3} s; off exact \
+                 after 1, 3, 10, 30 passes: {}",
+                step.junctions,
+                step.sections,
+                step.left_out,
+                step.prepare_s,
+                step.passes_s,
+                errors.join(", ")
+            );
+            let (first, last) = (off(&step.steps[0], &truth), step.steps.last().map_or(f64::NAN, |s| off(s, &truth)));
+            rows.push(Row::at_most(
+                format!("{name}, loops kept {loop_share}: error of the last pass over the first's"),
+                last / first,
+                1.0,
+                "",
+            ));
+        }
+    }
+    Ok(rows)
+}

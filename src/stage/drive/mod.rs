@@ -24,7 +24,7 @@ use need::{Verdict, judge};
 use ties::{DriveLine, lines};
 
 /// Live landmark and clone states in a drive.
-const MOST_LIVE: usize = 128;
+pub const MOST_LIVE: usize = 128;
 
 /// What became of a drive.
 #[derive(Debug)]

@@ -92,7 +92,7 @@ fn the_ties_of_a_run_lead_solve_to_the_same_trajectory() {
     let (far_over_sigma, far_m) = difference(&ran, &bench.path("without/trajectory.sbet"));
     println!("with ties: {over_sigma:.4} sigma, {:.2} mm in the outage", outage_m * 1e3);
     println!("without: {far_over_sigma:.2} sigma, {:.1} mm in the outage", far_m * 1e3);
-    assert!(over_sigma < 0.1 && outage_m < 0.001, "{over_sigma} sigma, {outage_m} m");
+    assert!(over_sigma < 0.01 && outage_m < 0.000_1, "{over_sigma} sigma, {outage_m} m");
     assert!(far_over_sigma > 2.0 && far_m > 0.03, "{far_over_sigma} sigma, {far_m} m");
     // what the run used is used, and what it did not is not
     let written = ties(&bench.path("out/ties.txt"));
@@ -118,7 +118,7 @@ fn every_class_and_kind_stands_in_the_file_with_a_unit_normal() {
     }
     let ties = ties(&ran().path("out/ties.txt"));
     for class in tieline_filter::TieClass::ALL {
-        assert!(ties.iter().any(|t| t.class == class) || class != tieline_filter::TieClass::ScannerToScanner);
+        assert!(ties.iter().any(|t| t.class == class), "{}", class.as_str());
     }
     let loops = ties.iter().filter(|t| t.kind == tieline_filter::TieKind::SurfaceLine);
     assert!(loops.clone().count() > 10);

@@ -63,5 +63,8 @@ pub fn load(
         note += &format!(", {beyond} not wholly within the time of the IMU and left out");
     }
     notes.push(note);
+    notes.push(String::from(
+        "the constants of the scanners in these ties are taken as known: sigmas do not hold theirs, which matters most for heading",
+    ));
     Ok(ties)
 }

@@ -98,7 +98,7 @@ impl TextTie {
 /// The lines of a header that are the same in every file: key, first word of its value, the rest for people.
 const FRAMES: [(&str, &str, &str); 5] = [
     ("time", "gps", "seconds of that week, running on past its end; no leap seconds"),
-    ("units", "m", "m² and s"),
+    ("units", "m", "for lengths, m² for covariances, s for times"),
     ("directions", "ecef", "unit vectors fixed to the earth: earth-centred, earth-fixed axes"),
     ("body", "frd", "forward, right, down; vectors lead from the IMU to the feature"),
     ("calibration", "applied", "mounting, lever arm, latency and range correction are in the body vectors"),

@@ -52,7 +52,7 @@ pub fn write_to(
         None => writeln!(out, "# week: unknown")?,
     }
     for (key, word, remark) in FRAMES {
-        writeln!(out, "# {key}: {word} {remark}")?;
+        writeln!(out, "# {key}: {word} ({remark})")?;
     }
     if let Some(datum) = &header.datum {
         writeln!(out, "# datum: {}", datum.replace(['\n', '\r'], " "))?;

@@ -28,7 +28,7 @@ use variance::Factors;
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-const MOST_LIVE: usize = 128;
+pub const MOST_LIVE: usize = 128;
 
 /// What became of a drive.
 #[derive(Debug)]

@@ -2,6 +2,7 @@
 
 pub mod drive;
 pub mod stations;
+pub mod tie_text;
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -14,7 +14,9 @@ pub use strips::{
     StripModelChoice, StripsSection,
 };
 
-use measurements::{GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, VehicleSection};
+use measurements::{
+    GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, TiesSection, VehicleSection,
+};
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,6 +44,8 @@ pub struct Project {
     /// Known points of the platform.
     #[serde(default)]
     pub points: Vec<PointsSection>,
+    /// Ties of a file for the smoother.
+    pub ties: Option<TiesSection>,
     /// Where the trajectory begins.
     pub initial: Option<InitialSection>,
     /// The trajectory; rebuilt from multi-return pulses when left out.
@@ -269,6 +273,7 @@ fn check(project: &Project) -> Result<(), ProjectError> {
             ("odometer", project.odometer.is_some()),
             ("vehicle", project.vehicle.is_some()),
             ("points", !project.points.is_empty()),
+            ("ties", project.ties.is_some()),
             ("initial", project.initial.is_some()),
         ] {
             if given {

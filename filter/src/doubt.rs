@@ -44,6 +44,26 @@ pub(crate) struct Judged {
     time_s: f64,
     /// Squared deletion residual over its limit.
     ratio: f64,
+    fit: TieFit,
+}
+
+/// How a sighting of a tie fits the whole solution, for the estimation of variance components: over many sightings with
+/// the right sigmas the sum of `squared` is that of `redundancy`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TieFit {
+    /// Tie, as given.
+    pub tie: usize,
+    /// Squared smoothed residual over its variance of measurement: `eᵀ R⁻¹ e = uᵀ R u`.
+    pub squared: f64,
+    /// Share of the measurement that the others control, times its components: `tr (R D)`.
+    pub redundancy: f64,
+}
+
+impl TieFit {
+    /// Of the sightings that nothing speaks against.
+    pub(crate) fn of_all(judged: &[Judged]) -> Vec<Self> {
+        judged.iter().filter(|j| j.ratio <= 1.0).map(|j| j.fit).collect()
+    }
 }
 
 /// Weights of sightings that are not one.
@@ -61,7 +81,13 @@ pub(crate) fn judge(deletion: &Deletion, of: &TieUpdate, false_alarm: f64) -> Op
     let precision = invert(&variance, m).ok()?;
     let squared: f64 = (0..m * m).map(|k| residual[k / m] * precision[k] * residual[k % m]).sum();
     let ratio = squared / chi_squared_limit(m, false_alarm);
-    Some(Judged { sighting: of.sighting, time_s: of.time_s, ratio })
+    let noise = |k: usize| of.noise[k] / of.weight;
+    let fit = TieFit {
+        tie: of.sighting.0,
+        squared: (0..m * m).map(|k| u[k / m] * noise(k) * u[k % m]).sum(),
+        redundancy: (0..m * m).map(|k| noise(k) * deletion.information[(k % m) * m + k / m]).sum(),
+    };
+    Some(Judged { sighting: of.sighting, time_s: of.time_s, ratio, fit })
 }
 
 /// What to trust after a first run, that tested innovations: what it doubted goes, unless that is so much that a false tie

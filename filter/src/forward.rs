@@ -239,15 +239,17 @@ impl Run<'_> {
             self.gaussian.advance_slots(&transition);
             self.transition = Some(transition);
         }
-        let waiting = std::mem::take(&mut self.waiting);
+        if self.waiting.is_empty() {
+            return Ok(());
+        }
+        let mut waiting = std::mem::take(&mut self.waiting);
         self.keeps_nominal = true; // theirs is that of their own moment
-        for sighting in &waiting {
+        for sighting in waiting.drain(..) {
             self.sighting(&sighting.event, &sighting.nominal)?;
         }
         self.keeps_nominal = false;
-        if !waiting.is_empty() {
-            self.feed_back();
-        }
+        self.waiting = waiting;
+        self.feed_back();
         Ok(())
     }
 

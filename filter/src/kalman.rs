@@ -1,7 +1,7 @@
 //! The linear algebra of the filter: a mean and a covariance that are moved, updated, enlarged and shrunk.
 //! [`crate::adjoint`] runs back through the same operations.
 
-use crate::lanes::{add_symmetric, move_columns};
+use crate::lanes::{LANES, add_symmetric, move_columns};
 use crate::state::{CORE, NAV};
 use crate::transition::Transition;
 
@@ -92,7 +92,7 @@ impl Gaussian {
     pub fn new(variances: &[f64], slots: Slots) -> Self {
         let base = variances.len();
         let all = slots.brief + slots.lasting;
-        let capacity = base + all;
+        let capacity = base + all.next_multiple_of(LANES); // columns of slots fill whole registers
         let mut covariance = vec![0.0; capacity * capacity];
         for (i, v) in variances.iter().enumerate() {
             covariance[i * capacity + i] = *v;
@@ -229,7 +229,9 @@ impl Gaussian {
     pub fn advance_slots(&mut self, transition: &Transition) {
         let (n, base, capacity) = (self.len(), self.base, self.capacity);
         if n > base {
-            move_columns(&mut self.covariance, (capacity, base, n), &transition.nav, &transition.decay);
+            // behind the last in use stand zeros
+            let to = base + (n - base).next_multiple_of(LANES);
+            move_columns(&mut self.covariance, (capacity, base, to), &transition.nav, &transition.decay);
         }
     }
 

@@ -50,11 +50,12 @@ pub mod update;
 
 pub use aiding::{FixQuality, GnssFix, GnssVelocity, KnownPoint, OdometerSample};
 pub use correction::{Correction, CorrectionRow};
+pub use doubt::TieFit;
 pub use events::Inputs;
 pub use frames::{map_from_ned, ned_from_body};
 pub use grade::{ImuGrade, ImuNoise};
 pub use imu::{Imu, ImuError, ImuSample};
-pub use observation::{TieEnd, TieKind, TieObservation};
+pub use observation::{TieClass, TieEnd, TieKind, TieObservation};
 pub use options::{InitialState, Options};
 pub use smoother::{Smoother, SmootherError};
 pub use solution::{CalibrationEstimate, Solution};

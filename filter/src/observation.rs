@@ -35,6 +35,53 @@ impl TieKind {
             Self::Control => "control",
         }
     }
+
+    /// Rows of one sighting; `None` where that is not one number for the kind.
+    #[must_use]
+    pub fn rank(self) -> Option<usize> {
+        match self {
+            Self::SurfaceLine | Self::Increment => Some(1),
+            Self::Line => Some(2),
+            Self::XyzPoint => Some(3),
+            Self::Submap | Self::Control => None,
+        }
+    }
+}
+
+/// What a tie of a drive binds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TieClass {
+    /// Two visits of one strip.
+    PassToPass,
+    /// Two scanners in one visit.
+    ScannerToScanner,
+    /// Two strips.
+    StripToStrip,
+}
+
+impl TieClass {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::PassToPass, Self::ScannerToScanner, Self::StripToStrip];
+
+    /// The words used in reports and tables.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::PassToPass => "pass to pass",
+            Self::ScannerToScanner => "scanner to scanner",
+            Self::StripToStrip => "strip to strip",
+        }
+    }
+
+    /// The same as one word, for files whose fields blanks separate.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::PassToPass => "pass_to_pass",
+            Self::ScannerToScanner => "scanner_to_scanner",
+            Self::StripToStrip => "strip_to_strip",
+        }
+    }
 }
 
 /// One end of a tie: one sighting of the feature.

@@ -2,7 +2,7 @@
 
 use crate::align::{AlignError, align};
 use crate::backward::{SmoothedNode, backward};
-use crate::doubt::{Trust, after, after_first};
+use crate::doubt::{TieFit, Trust, after, after_first};
 use crate::events::{EventDelays, Inputs, collect};
 use crate::forward::{FilterNode, Forward, Plan, run, slots};
 use crate::innovation::{Innovation, MeasurementKind};
@@ -138,6 +138,7 @@ impl Smoother {
                     calibration: std::mem::take(&mut forward.calibration),
                     innovations,
                     ties: TieUse::of_all(inputs, &ties, &forward.tie_weight),
+                    tie_fits: TieFit::of_all(&judged),
                     notes: notes_of(&forward, &ties, runs, change),
                     rests,
                     runs,

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use crate::backward::SmoothedNode;
+use crate::doubt::TieFit;
 use crate::earth::ecef_from_geodetic;
 use crate::events::Inputs;
 use crate::forward::FilterNode;
@@ -86,6 +87,8 @@ pub struct Solution {
     pub innovations: Vec<Innovation>,
     /// Ties, in the order they were given.
     pub ties: Vec<TieUse>,
+    /// How their sightings fit.
+    pub tie_fits: Vec<TieFit>,
     /// Rests found.
     pub rests: Vec<Rest>,
     /// Runs over the data.

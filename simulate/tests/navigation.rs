@@ -3,7 +3,9 @@
 use tieline_filter::state::nav_minus;
 use tieline_filter::strapdown::{ImuErrors, Increment, Locality, advance};
 use tieline_filter::{ImuGrade, NavState, Options, Smoother};
-use tieline_simulate::navigation::{LoopScenario, Motion, NavigationScenario, Vehicle, ideal_increments};
+use tieline_simulate::navigation::{
+    IncrementScenario, LoopScenario, Motion, NavigationScenario, Vehicle, ideal_increments,
+};
 
 /// Runs the mechanisation over ideal increments from the exact state.
 fn mechanised(motion: &Motion, (start_s, end_s): (f64, f64), rate_hz: f64) -> NavState {
@@ -59,4 +61,39 @@ fn false_ties_within_an_outage_are_found_and_no_others() {
     let left_out: Vec<bool> = solution.ties.iter().map(|t| t.weights[1] < 0.5).collect();
     assert!(is_false.iter().filter(|f| **f).count() >= 2);
     assert_eq!(left_out, is_false);
+}
+
+#[test]
+fn fits_of_ties_tell_their_variance() {
+    let grade = ImuGrade::LeadorA15;
+    let mut scenario = NavigationScenario::car(grade.noise(), 400.0, 5);
+    scenario.imu.rate_hz = 50.0;
+    scenario.increments = vec![IncrementScenario {
+        span_s: (1020.0, 1390.0),
+        interval_s: 0.5,
+        apart_s: 1.0,
+        sigma_m: 0.003,
+        bias_m: 0.0,
+        blunders: (0.0, 0.0),
+    }];
+    let mut inputs = scenario.simulate().expect("a drive").inputs;
+    let mut options = Options::new(grade.noise());
+    options.gnss.lever_arm_m = scenario.gnss.lever_arm_m;
+    options.gnss.correlated_share = scenario.gnss.correlated_share;
+    let mut factor = 1.0;
+    let mut rescale = |by: f64| {
+        inputs.ties.iter_mut().flat_map(|t| &mut t.sightings).for_each(|s| s.covariance_m2 *= by);
+        let fits = Smoother::run(&inputs, &options).expect("a solution").tie_fits;
+        assert!(fits.len() > 600, "{}", fits.len());
+        fits.iter().map(|f| f.squared).sum::<f64>() / fits.iter().map(|f| f.redundancy).sum::<f64>()
+    };
+    let of_true_sigmas = rescale(1.0);
+    assert!((of_true_sigmas - 1.0).abs() < 0.15, "{of_true_sigmas}");
+    // told variances four times too large, the factors lead back
+    let mut found = rescale(4.0);
+    for _ in 0..4 {
+        factor *= found;
+        found = rescale(found);
+    }
+    assert!((4.0 * factor - 1.0).abs() < 0.2, "{factor}");
 }

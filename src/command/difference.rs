@@ -84,6 +84,7 @@ fn project_of(args: &CorrectArgs) -> Project {
         stations: Vec::new(),
         extrinsics: None,
         imu: None,
+        ties: None,
         gnss: None,
         odometer: None,
         vehicle: None,

@@ -2,13 +2,14 @@
 
 use std::io::Write;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use crate::cli::{Common, JobArgs};
 use crate::command::navigate::write_navigation;
 use crate::job::{Clock, JobOptions, correct_drive, match_strips};
 use crate::memory::peak_bytes;
 use crate::outputs::drive::write_drive;
+use crate::outputs::tie_text::write_tie_text_of;
 use crate::project::Project;
 use crate::report::drive::{DriveReport, three_lines, write_report};
 use crate::stage::drive;
@@ -26,6 +27,11 @@ pub fn run(
     common: &Common,
     out: &mut impl Write,
 ) -> Result<()> {
+    if project.ties.is_some() {
+        bail!(
+            "[ties] beside [[strips]]: run finds ties in the strips; take [ties] out, or use tieline solve, which needs no strips"
+        );
+    }
     let mut clock = Clock::default();
     let measurements = clock.time("read", || load(project, &[]))?;
     let matched = match_strips(project, options, &mut clock)?;
@@ -37,6 +43,8 @@ pub fn run(
     let residuals = residuals(&solved, &matched);
     let written = clock.time("write", || -> Result<_> {
         write_drive(project, &matched, &solved, &residuals, &options.out, args.csv)?;
+        let (crs, path) = (matched.survey.crs.as_ref(), options.out.join("ties.txt"));
+        write_tie_text_of(&solved, &measurements.clock, crs, &path)?;
         write_navigation(&options.out, &solved.solution, &solved.inputs, &measurements.clock)
     })?;
     let folder = options.out.join("corrected");

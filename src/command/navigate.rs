@@ -273,6 +273,11 @@ fn summary(
                 .collect()
         })
         .unwrap_or_default();
+    let mut ties_left_out: BTreeMap<&str, usize> = BTreeMap::new();
+    for why in solution.ties.iter().filter_map(|t| t.why_not) {
+        *ties_left_out.entry(why).or_default() += 1;
+    }
+    let ties_used = solution.ties.iter().filter(|t| t.why_not.is_none()).count();
     let attitude_deg = smoothed.attitude_sigma_rad.map(f64::to_degrees);
     let (from_s, to_s) = smoothed.span_s;
     let rejected =
@@ -294,6 +299,7 @@ fn summary(
             "clock_offset_s": solution.clock_offset_s(),
             "rests_s": solution.rests.iter().map(|r| [r.start_s, r.end_s]).collect::<Vec<_>>(),
             "gnss_left_out": rejected(MeasurementKind::Position),
+            "ties_used": ties_used, "ties_left_out": ties_left_out,
             "innovations": innovations, "states": states,
         },
         "notes": notes,

@@ -1,5 +1,5 @@
 //! Sections of the project file on the measurements of a trajectory: `[imu]`, `[gnss]`, `[odometer]`, `[vehicle]`,
-//! `[initial]`, `[[points]]`.
+//! `[initial]`, `[[points]]`, `[ties]`.
 
 use std::path::PathBuf;
 
@@ -153,6 +153,14 @@ pub struct PointsSection {
     pub path: PathBuf,
     /// Columns.
     pub columns: Option<Vec<String>>,
+}
+
+/// `[ties]`: ties of a file for the smoother, such as `ties.txt` of `run`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TiesSection {
+    /// The file, plain or gzipped.
+    pub path: PathBuf,
 }
 
 /// `[initial]`: where the trajectory begins, when it cannot be found.

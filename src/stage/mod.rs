@@ -3,6 +3,7 @@
 pub mod correct;
 pub mod difference;
 pub mod drive;
+pub mod given_ties;
 pub mod navigate;
 pub mod scan;
 pub mod solve;

@@ -16,6 +16,7 @@ use tieline_io::measurements::{
 
 use crate::project::Project;
 use crate::project::measurements::{GnssFormatChoice, ImuFormatChoice, ImuKindChoice, InitialSection};
+use crate::stage::{drive, given_ties};
 
 /// A stretch of time without GNSS: fixes after `start_s` and not after `start_s + length_s` are left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -171,7 +172,8 @@ pub fn load(project: &Project, masks: &[Mask]) -> Result<Measurements> {
             p
         }));
     }
-    Ok(Measurements { inputs: Inputs { imu, gnss: fixes, odometer, points, ties: Vec::new() }, clock, notes })
+    let ties = given_ties::load(project, &clock, imu.span_s(), &mut notes)?;
+    Ok(Measurements { inputs: Inputs { imu, gnss: fixes, odometer, points, ties }, clock, notes })
 }
 
 /// Seconds to add to the times of a file.
@@ -255,6 +257,9 @@ pub fn options(project: &Project) -> Result<Options> {
 pub fn navigate(project: &Project, measurements: &Measurements, memory_bytes: u64) -> Result<Solution> {
     let mut options = options(project)?;
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
+    if !measurements.inputs.ties.is_empty() {
+        options.ties.most_live = drive::MOST_LIVE; // what `run` has chosen finds room again
+    }
     smooth(project, &measurements.inputs, &options)
 }
 

@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use tieline_io::ties::text::MAGIC;
 
 /// The kinds of files that tieline reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub enum FileKind {
     TiesParquet,
     /// `ties.csv`.
     TiesCsv,
+    /// `ties.txt`.
+    TiesText,
     /// `correction.csv`.
     Correction,
     /// Inertial measurements.
@@ -39,6 +42,7 @@ impl FileKind {
             Self::Accuracy => "accuracies of a trajectory (SMRMSG)",
             Self::TiesParquet => "ties (Parquet)",
             Self::TiesCsv => "ties (CSV)",
+            Self::TiesText => "ties (text)",
             Self::Correction => "correction over time",
             Self::Imu => "inertial measurements",
             Self::Gnss => "GNSS fixes",
@@ -53,7 +57,7 @@ impl FileKind {
             Self::Strip => "strip",
             Self::Trajectory => "trajectory",
             Self::Accuracy => "accuracy",
-            Self::TiesParquet | Self::TiesCsv => "ties",
+            Self::TiesParquet | Self::TiesCsv | Self::TiesText => "ties",
             Self::Correction => "correction",
             Self::Imu => "imu",
             Self::Gnss => "gnss",
@@ -83,6 +87,8 @@ pub fn kind_of(path: &Path) -> Result<FileKind> {
         FileKind::TiesParquet
     } else if starts(b"tie_id,") {
         FileKind::TiesCsv
+    } else if starts(MAGIC.as_bytes()) {
+        FileKind::TiesText
     } else if starts(b"gps_time_s,dE_m") {
         FileKind::Correction
     } else if starts(b"TSCANTRJ") || starts(&[0x1f, 0x8b]) || is_table(&head) || is_sbet(&head) {
@@ -94,7 +100,7 @@ pub fn kind_of(path: &Path) -> Result<FileKind> {
     } else {
         bail!(
             "{}: not a file that tieline reads (LAS, LAZ, COPC; SBET, SMRMSG, TRJ, text trajectories; \
-             IMU, GNSS, odometer; ties.parquet, ties.csv, correction.csv)",
+             IMU, GNSS, odometer; ties.parquet, ties.csv, ties.txt, correction.csv)",
             path.display()
         );
     })

@@ -65,6 +65,7 @@ fn describe(path: &Path) -> Result<(FileKind, Description)> {
         },
         FileKind::Accuracy => path::describe_accuracy(path)?,
         FileKind::TiesParquet | FileKind::TiesCsv => table::describe_ties(path)?,
+        FileKind::TiesText => table::describe_tie_text(path)?,
         FileKind::Correction => table::describe_correction(path)?,
     };
     Ok((kind, description))

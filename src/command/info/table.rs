@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tieline_io::correction::read_correction;
 use tieline_io::ties::read_ties;
+use tieline_io::ties::text::TieTextReader;
 
 use super::{Description, count};
 
@@ -57,6 +58,39 @@ pub(super) fn describe_ties(path: &Path) -> Result<Description> {
     let json = json!({
         "ties": ties.len(), "ends": table.len(), "strips": strips, "kinds": kinds, "used": used, "held_out": held_out,
         "not_used": reasons, "residual_median_size_m": { "before": before, "after": after },
+    });
+    Ok(Description { lines, json })
+}
+
+pub(super) fn describe_tie_text(path: &Path) -> Result<Description> {
+    let reader = TieTextReader::open(path)?;
+    let week = reader.header().week;
+    let (mut ties, mut sightings, mut used) = (0_u64, 0_u64, 0_u64);
+    let mut classes: BTreeMap<&str, u64> = BTreeMap::new();
+    let (mut first_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
+    for tie in reader {
+        let tie = tie?;
+        ties += 1;
+        sightings += tie.sightings.len() as u64;
+        used += u64::from(tie.for_smoother(0.0).is_some());
+        *classes.entry(tie.class.as_str()).or_default() += 1;
+        first_s = first_s.min(tie.sightings[0].time_s);
+        last_s = tie.sightings.iter().map(|s| s.time_s).fold(last_s, f64::max);
+    }
+    let of_week = week.map_or_else(|| String::from("an unknown week"), |w| format!("week {w}"));
+    let span_s = (ties > 0).then_some([first_s, last_s]);
+    let listed: Vec<String> = classes.iter().map(|(name, n)| format!("{} {name}", count(*n))).collect();
+    let lines = vec![
+        ("ties", format!("{} with {} sightings", count(ties), count(sightings))),
+        ("classes", if listed.is_empty() { String::from("none") } else { listed.join(", ") }),
+        ("used", count(used)),
+        (
+            "time",
+            span_s.map_or_else(|| String::from("none"), |s| format!("{:.1} s to {:.1} s of {of_week}", s[0], s[1])),
+        ),
+    ];
+    let json = json!({
+        "ties": ties, "sightings": sightings, "classes": classes, "used": used, "gps_week": week, "span_s": span_s,
     });
     Ok(Description { lines, json })
 }

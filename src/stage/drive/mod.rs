@@ -10,6 +10,7 @@ pub mod curve;
 pub mod need;
 pub mod residuals;
 pub mod ties;
+pub mod variance;
 
 use anyhow::{Context, Result, bail};
 use tieline_filter::time::SECONDS_PER_WEEK;
@@ -22,9 +23,12 @@ use choose::{Chosen, choose};
 use constants::Constants;
 use need::{Verdict, judge};
 use ties::{DriveLine, lines};
+use variance::Factors;
 
+/// Rounds of variance components.
+const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-const MOST_LIVE: usize = 128;
+pub const MOST_LIVE: usize = 128;
 
 /// What became of a drive.
 #[derive(Debug)]
@@ -99,16 +103,24 @@ pub fn solve(
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
     options.ties.most_live = MOST_LIVE;
     let mut verdicts: Vec<Verdict> = Vec::new();
-    // all terms first; then without those that the data do not ask for
+    let (mut factors, mut rounds) = (Factors::default(), 0);
+    // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
     loop {
         let constants = Constants::new(project, &ranges_m, |scanner, term| {
             verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
         });
-        let lines = lines(matched, crs, &constants, shift_s)?;
+        let mut lines = lines(matched, crs, &constants, shift_s)?;
+        factors.apply(&mut lines);
         let chosen = choose(&lines, MOST_LIVE);
         options.calibration_covariance = constants.covariance();
         let inputs = Inputs { ties: chosen.ties.clone(), ..measurements.inputs.clone() };
         let solution = smooth(project, &inputs, &options)?;
+        let found = factors.after(&solution.tie_fits, &lines, &chosen);
+        if rounds < MOST_ROUNDS && !found.is_near(&factors) {
+            rounds += 1;
+            factors = found;
+            continue;
+        }
         let judged = judge(&constants, &solution.calibration);
         let dropped = judged.iter().filter(|v| !v.needed).count();
         verdicts.retain(|v| !v.needed);
@@ -118,6 +130,7 @@ pub fn solve(
         }
         verdicts.sort_by_key(|v| (v.scanner, v.term));
         let mut notes = notes_of(&chosen, &solution, &verdicts);
+        notes.extend(factors.note());
         notes.extend(of_platform);
         notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
         let geodetic = solution.trajectory(&inputs, 0.0)?;

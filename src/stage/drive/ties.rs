@@ -14,31 +14,10 @@ use tieline_matching::{Patch, measure};
 use super::constants::{Beam, Constants};
 use crate::job::Matched;
 
+pub use tieline_filter::TieClass as Class;
+
 /// Sightings further apart than this are of different visits \[s\].
 pub const VISIT_GAP_S: f64 = 8.0;
-
-/// What a tie binds, the words of the outputs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Class {
-    /// Two visits of one strip.
-    PassToPass,
-    /// Two scanners in one visit.
-    ScannerToScanner,
-    /// Two strips.
-    StripToStrip,
-}
-
-impl Class {
-    /// The name used in files.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::PassToPass => "pass to pass",
-            Self::ScannerToScanner => "scanner to scanner",
-            Self::StripToStrip => "strip to strip",
-        }
-    }
-}
 
 /// One end of a line, ready for the smoother.
 #[derive(Debug, Clone)]
@@ -90,12 +69,23 @@ impl DriveLine {
     /// What it binds.
     #[must_use]
     pub fn class(&self) -> Class {
-        if self.ends.iter().any(|e| e.strip != self.ends[0].strip) {
-            Class::StripToStrip
-        } else if self.visits() > 1 {
-            Class::PassToPass
-        } else {
-            Class::ScannerToScanner
+        self.class_of(|_| true)
+    }
+
+    /// What the tie of some of its ends binds.
+    #[must_use]
+    pub fn class_of(&self, ends: impl Fn(&End) -> bool) -> Class {
+        let mut ends = self.ends.iter().filter(|e| ends(e));
+        let Some(first) = ends.next() else { return Class::ScannerToScanner };
+        let (mut visits, mut strips) = (false, false);
+        for end in ends {
+            visits |= end.visit != first.visit;
+            strips |= end.strip != first.strip;
+        }
+        match (strips, visits) {
+            (true, _) => Class::StripToStrip,
+            (false, true) => Class::PassToPass,
+            (false, false) => Class::ScannerToScanner,
         }
     }
 

@@ -1,9 +1,8 @@
 //! `DynAdjust`'s station and measurement text, DNA 3.01: stations with latitude, longitude, height or X, Y, Z; GNSS
 //! baselines (G), baseline clusters (X) and point clusters (Y).
 //!
-//! Baselines of an ITRF at another epoch are turned into GDA2020 by the Australian plate motion (GDA2020 Technical
-//! Manual v1.7, eq. of chapter 3: rotation rates of ITRF2014 to GDA2020); the step between ITRFs is below 0.02 ppb for
-//! baselines and left out.
+//! Baselines of another frame and epoch are turned into GDA2020: from ITRF2014 by the Australian plate motion, from
+//! ITRF2008 by GDA94 (Dawson and Woods 2010), as `DynAdjust` does (GDA2020 Technical Manual, chapter 3).
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -15,6 +14,26 @@ const A_M: f64 = 6_378_137.0;
 const F: f64 = 1.0 / 298.257_222_101;
 /// Rotation rates of the Australian plate about X, Y, Z \[mas/year\].
 const PLATE_MAS: [f64; 3] = [1.50379, 1.18346, 1.20716];
+
+/// ITRF2008 to GDA94 at 1994.0 and per year: rotations \[mas\], scale \[ppb\] (Dawson and Woods 2010).
+const ITRF2008_TO_GDA94: [(f64, f64); 4] = [(-0.4254, 1.5461), (2.2578, 1.1820), (2.4015, 1.1551), (9.710, 0.109)];
+/// GDA94 to GDA2020: rotations \[mas\], scale \[ppb\].
+const GDA94_TO_GDA2020: [f64; 4] = [-39.4924, -32.7221, -32.8979, -9.994];
+
+/// Position-vector rotation \[rad\] and scale less 1 from a frame at an epoch (years) to GDA2020.
+fn to_gda2020(frame: &str, epoch: f64) -> Option<([f64; 3], f64)> {
+    let radians = |mas: f64| (mas * 1e-3 / 3600.0).to_radians();
+    match frame {
+        "GDA2020" => Some(([0.0; 3], 0.0)),
+        "ITRF2014" => Some((PLATE_MAS.map(|rate| radians(rate * (2020.0 - epoch))), 0.0)),
+        "ITRF2008" => {
+            let years = epoch - 1994.0;
+            let sum = |k: usize| ITRF2008_TO_GDA94[k].0 + ITRF2008_TO_GDA94[k].1 * years + GDA94_TO_GDA2020[k];
+            Some(([0, 1, 2].map(|k| -radians(sum(k))), sum(3) * 1e-9))
+        }
+        _ => None,
+    }
+}
 
 /// Reads a station and a measurement file.
 ///
@@ -108,6 +127,7 @@ struct Open {
     count: usize,
     scale: f64,
     turn: [f64; 3],
+    stretch: f64,
     members: Vec<(Option<usize>, usize, [f64; 3])>,
     /// Lower triangle by rows: own block of each member, then its blocks with later members, as they come.
     numbers: Vec<Vec<[f64; 3]>>,
@@ -202,9 +222,10 @@ fn header(at: usize, kind: char, line: &str) -> Result<Open, Fault> {
     }
     let frame = words.get(4).copied().unwrap_or("GDA2020");
     let epoch = words.get(5).and_then(|w| year(w)).unwrap_or(2020.0);
-    let years = if frame.starts_with("ITRF") { 2020.0 - epoch } else { 0.0 };
-    let turn = PLATE_MAS.map(|rate| rate * 1e-3 / 3600.0 * years).map(f64::to_radians);
-    Ok(Open { kind, line: at, count, scale, turn, members: Vec::new(), numbers: Vec::new() })
+    let (turn, stretch) = to_gda2020(frame, epoch).ok_or_else(|| {
+        Fault::new(at, format!("the frame `{frame}` is not supported; GDA2020, ITRF2014 and ITRF2008 are"))
+    })?;
+    Ok(Open { kind, line: at, count, scale, turn, stretch, members: Vec::new(), numbers: Vec::new() })
 }
 
 /// A date (day.month.year) as a year.
@@ -232,7 +253,7 @@ fn close(cluster: Open) -> Result<Observation, Fault> {
             }
         }
     }
-    let w = cluster.turn;
+    let (w, s) = (cluster.turn, 1.0 + cluster.stretch);
     let members = cluster
         .members
         .into_iter()
@@ -241,7 +262,11 @@ fn close(cluster: Open) -> Result<Observation, Fault> {
             let turned = if cluster.kind == 'Y' {
                 v
             } else {
-                [v[0] - w[2] * v[1] + w[1] * v[2], v[1] + w[2] * v[0] - w[0] * v[2], v[2] - w[1] * v[0] + w[0] * v[1]]
+                [
+                    s * v[0] - w[2] * v[1] + w[1] * v[2],
+                    s * v[1] + w[2] * v[0] - w[0] * v[2],
+                    s * v[2] - w[1] * v[0] + w[0] * v[1],
+                ]
             };
             (a, b, turned)
         })

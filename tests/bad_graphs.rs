@@ -91,7 +91,7 @@ fn a_dynadjust_file_alone_or_cut_off() {
     let folder = tempfile::tempdir().expect("a folder");
     let (stn, msr) = (folder.path().join("a.stn"), folder.path().join("a.msr"));
     std::fs::write(&stn, station).expect("written");
-    let space = " ".repeat(62);
+    let space = " ".repeat(64);
     let rows = "           10.0000 1.0000000000000e-04 1.0000000000000e-06 1.0000000000000e-06";
     let text = format!("G S000000             NOWHERE\n{space}{rows}\n{space}{rows}\n{space}{rows}\n");
     std::fs::write(&msr, text).expect("written");

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
-    CalibrateSection, CorrectSection, MatchSection, ReturnsChoice, ScannerChoice, SolveSection, SplitChoice, SplitWord,
-    StripModelChoice, StripsSection,
+    CalibrateSection, CorrectSection, KnownTerm, MatchSection, ReturnsChoice, ScannerChoice, SolveSection, SplitChoice,
+    SplitWord, StripModelChoice, StripsSection, SurfaceWord,
 };
 
 use measurements::{
@@ -287,6 +287,17 @@ fn check(project: &Project) -> Result<(), ProjectError> {
             String::from("given"),
             "stations have no trajectory: give [[strips]] and [imu] a project of their own",
         );
+    }
+    if let Some(path) = project.calibrate.known.as_ref().filter(|_| project.imu.is_none() || project.strips.is_empty())
+    {
+        return wrong(
+            "calibrate.known",
+            path.display().to_string(),
+            "it is for drives, which have [[strips]] and [imu]; elsewhere copy its [platform] into the project",
+        );
+    }
+    if project.matching.surfaces.as_ref().is_some_and(Vec::is_empty) {
+        return wrong("match.surfaces", String::from("[]"), "name \"level\", \"steep\" or both, or leave it out");
     }
     if project.extrinsics.is_some() && project.stations.is_empty() {
         return wrong("extrinsics", String::from("given"), "it needs [[stations]] beside it; strips have [platform]");

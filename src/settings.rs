@@ -7,7 +7,7 @@ use tieline_matching::{
     patches_of_tile,
 };
 
-use crate::project::{Project, ReturnsChoice, SplitWord};
+use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord};
 use crate::sample::{Sample, block};
 use crate::survey::{Survey, SurveyFile};
 
@@ -34,6 +34,8 @@ pub struct Limits {
     pub range_m: Option<[f64; 2]>,
     /// West, south, east, north in map coordinates \[m\].
     pub area_m: Option<[f64; 4]>,
+    /// Surfaces that take part.
+    pub surfaces: Option<Vec<SurfaceWord>>,
 }
 
 /// All settings of matching.
@@ -140,7 +142,8 @@ impl Settings {
         let reason = if m.normal_angle_deg.is_some() { asked } else { "beyond three sigmas of the two normals" };
         tell("match.normal_angle_deg", format!("{:.1}", normal_angle_rad.to_degrees()), reason);
 
-        let limits = Limits { scanners: m.scanners.clone(), range_m: m.range_m, area_m: m.area_m };
+        let limits =
+            Limits { scanners: m.scanners.clone(), range_m: m.range_m, area_m: m.area_m, surfaces: m.surfaces.clone() };
         if let Some(scanners) = &limits.scanners {
             tell("match.scanners", format!("{scanners:?}"), asked);
         }
@@ -149,6 +152,9 @@ impl Settings {
         }
         if let Some(area_m) = &limits.area_m {
             tell("match.area_m", format!("{area_m:?}"), asked);
+        }
+        if let Some(surfaces) = &limits.surfaces {
+            tell("match.surfaces", format!("{surfaces:?}").to_lowercase(), asked);
         }
         // a drive lives on increments: so many a second
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

@@ -13,6 +13,7 @@ use crate::outputs::tie_text::write_tie_text_of;
 use crate::project::Project;
 use crate::report::drive::{DriveReport, three_lines, write_report};
 use crate::stage::drive;
+use crate::stage::drive::known;
 use crate::stage::drive::residuals::residuals;
 use crate::stage::navigate::load;
 
@@ -32,11 +33,13 @@ pub fn run(
             "[ties] beside [[strips]]: run finds ties in the strips; take [ties] out, or use tieline solve, which needs no strips"
         );
     }
+    let known = known::load(project)?;
     let mut clock = Clock::default();
     let measurements = clock.time("read", || load(project, &[]))?;
     let matched = match_strips(project, options, &mut clock)?;
     let bar = options.progress.spinner("estimating trajectory and calibration");
-    let solved = clock.time("solve", || drive::solve(project, &matched, &measurements, args.memory.max(16) << 20))?;
+    let memory_bytes = args.memory.max(16) << 20;
+    let solved = clock.time("solve", || drive::solve(project, &matched, &measurements, &known, memory_bytes))?;
     bar.finish_and_clear();
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("the output folder {} cannot be created", options.out.display()))?;

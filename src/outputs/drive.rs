@@ -98,19 +98,24 @@ fn write_ties(
     Ok(())
 }
 
-/// Range bias of a scanner at a range and its standard deviation \[m\]: measured less true, the correction with its sign changed.
+/// Range bias of a scanner at a range and its standard deviation \[m\]: measured less true, the correction with its sign changed. What is
+/// known has no standard deviation.
 #[must_use]
 pub fn bias_at(drive: &DriveSolution, scanner: usize, range_m: f64) -> Option<(f64, f64)> {
-    let first = drive.constants.first(scanner, Term::Range)?;
-    let (knot, weights) = drive.constants.splines[scanner].weights(range_m);
     let estimate = &drive.solution.calibration;
+    let curves = drive.constants.range_curves(scanner, &estimate.value);
+    if curves.is_empty() {
+        return None;
+    }
+    let value: f64 = curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum();
     let n = estimate.value.len();
-    let (mut value, mut variance) = (0.0, 0.0);
-    for (a, wa) in weights.iter().enumerate() {
-        let i = first + knot + a;
-        value += wa * estimate.value[i];
-        for (b, wb) in weights.iter().enumerate() {
-            variance += wa * wb * estimate.covariance[i * n + first + knot + b];
+    let mut variance = 0.0;
+    if let Some(first) = drive.constants.first(scanner, Term::Range) {
+        let (knot, weights) = drive.constants.splines[scanner].weights(range_m);
+        for (a, wa) in weights.iter().enumerate() {
+            for (b, wb) in weights.iter().enumerate() {
+                variance += wa * wb * estimate.covariance[(first + knot + a) * n + first + knot + b];
+            }
         }
     }
     Some((-value, variance.max(0.0).sqrt()))
@@ -138,8 +143,9 @@ fn range_bias(drive: &DriveSolution) -> String {
 
 fn calibration(project: &Project, drive: &DriveSolution) -> String {
     let mut text = String::from(
-        "# Calibration estimated by tieline: copy [platform] into a project file to start from it.\n\
-         # Latency stands in [[estimate]]; range corrections stand in range_bias.csv.\n\n[platform]\n",
+        "# Calibration estimated by tieline: calibrate.known = \"calibration.toml\" takes it as known. [platform] goes into a project whose strips\n\
+         # are made with it. Range corrections are added to a range, all of a scanner together: coefficients of a cubic B-spline, knots evenly spaced in the\n\
+         # logarithm of the range; range_bias.csv has the curve.\n\n[platform]\n",
     );
     if let Some(arm) = project.platform.gnss_lever_arm_m {
         let _ = writeln!(text, "gnss_lever_arm_m = {arm:?}");
@@ -158,6 +164,17 @@ fn calibration(project: &Project, drive: &DriveSolution) -> String {
              boresight_deg = [{:.6}, {:.6}, {:.6}]",
             arm.x, arm.y, arm.z, nominal.mounting_deg, boresight.x, boresight.y, boresight.z
         );
+    }
+    for scanner in 0..drive.ranges_m.len() {
+        let latency_s = drive.constants.latency_s(scanner, &estimate.value);
+        let _ = writeln!(text, "\n[[latency]]\nscanner = {scanner}\nlatency_s = {latency_s:.9}");
+        for (spline, coefficients_m) in drive.constants.range_curves(scanner, &estimate.value) {
+            let (first_m, last_m) = spline.span_m();
+            let _ = writeln!(
+                text,
+                "\n[[range_correction]]\nscanner = {scanner}\nfirst_m = {first_m:?}\nlast_m = {last_m:?}\ncoefficients_m = {coefficients_m:.7?}"
+            );
+        }
     }
     for verdict in &drive.verdicts {
         let _ = writeln!(

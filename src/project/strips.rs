@@ -1,7 +1,11 @@
 //! Sections of the project file on strips and their adjustment: `[[strips]]`, `[match]`, `[calibrate]`, `[solve]`, `[correct]`.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 use tieline_graph::CalibrationTerms;
+
+use crate::stage::drive::constants::Term;
 
 /// `[[strips]]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -98,6 +102,8 @@ pub struct MatchSection {
     pub range_m: Option<[f64; 2]>,
     /// Search area: west, south, east, north \[m\].
     pub area_m: Option<[f64; 4]>,
+    /// Surfaces that take part; all when left out.
+    pub surfaces: Option<Vec<SurfaceWord>>,
     /// Width of the smallest patch \[m\] (taken to a power of two).
     pub patch_m: Option<f64>,
     /// How often the smallest patch may double.
@@ -120,6 +126,24 @@ pub struct MatchSection {
     pub hold_out: Option<f64>,
     /// Seed of the choice of held-out places.
     pub seed: Option<u64>,
+}
+
+/// `surfaces`: by the slope of their normal, whose height is 0.7 at 45°.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SurfaceWord {
+    /// Ground and roofs up to 45°.
+    Level,
+    /// Façades, curb faces, walls.
+    Steep,
+}
+
+impl SurfaceWord {
+    /// The word for a surface by the height of its unit normal.
+    #[must_use]
+    pub fn of(normal_up: f64) -> Self {
+        if normal_up.abs() > 0.7 { Self::Level } else { Self::Steep }
+    }
 }
 
 /// `returns`
@@ -148,6 +172,12 @@ pub struct CalibrateSection {
     pub range_offset: bool,
     /// Range scale.
     pub range_scale: bool,
+    /// Latency of a scanner's stamps (drives).
+    pub latency: bool,
+    /// Calibration found before, taken as known (drives).
+    pub known: Option<PathBuf>,
+    /// Terms of it that are taken.
+    pub known_terms: Vec<KnownTerm>,
     /// Prior sigma of each boresight angle \[deg\].
     pub boresight_sigma_deg: f64,
     /// Prior sigma of each lever arm component \[m\].
@@ -158,6 +188,36 @@ pub struct CalibrateSection {
     pub range_scale_sigma_ppm: f64,
 }
 
+/// `known_terms`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum KnownTerm {
+    /// Rotation of a scanner.
+    Boresight,
+    /// Place of a scanner.
+    LeverArm,
+    /// True time less stamp.
+    Latency,
+    /// Range correction.
+    Range,
+}
+
+impl KnownTerm {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range];
+
+    /// The same among the constants of a drive.
+    #[must_use]
+    pub fn term(self) -> Term {
+        match self {
+            Self::Boresight => Term::Boresight,
+            Self::LeverArm => Term::LeverArm,
+            Self::Latency => Term::Latency,
+            Self::Range => Term::Range,
+        }
+    }
+}
+
 impl Default for CalibrateSection {
     fn default() -> Self {
         Self {
@@ -166,6 +226,9 @@ impl Default for CalibrateSection {
             lever_arm: true,
             range_offset: true,
             range_scale: true,
+            latency: true,
+            known: None,
+            known_terms: KnownTerm::ALL.to_vec(),
             boresight_sigma_deg: 0.1,
             lever_arm_sigma_m: 0.05,
             range_offset_sigma_m: 0.05,

@@ -66,8 +66,8 @@ pub struct Corrections<'a> {
     strips: &'a StripIndex,
     rule: SourceRule,
     knots: Vec<Vec<Option<Knots>>>,
-    /// Range corrections by scanner.
-    curves: Vec<Option<(RangeSpline, Vec<f64>)>>,
+    /// Range corrections by scanner, to be added.
+    curves: Vec<Vec<(RangeSpline, Vec<f64>)>>,
     inverse: bool,
 }
 
@@ -108,7 +108,7 @@ impl<'a> Corrections<'a> {
             }
             knots.push(of_strip);
         }
-        Ok(Self { strips, rule, knots, curves: vec![None; strips.scanner_numbers().len()], inverse })
+        Ok(Self { strips, rule, knots, curves: vec![Vec::new(); strips.scanner_numbers().len()], inverse })
     }
 
     /// Corrections of a drive: the difference of the trajectories and the calibration, range corrections included.
@@ -143,7 +143,7 @@ impl<'a> Corrections<'a> {
             }
             knots.push(of_strip);
         }
-        let curves = (0..strips.scanner_numbers().len()).map(|s| constants.range_curve(s, values)).collect();
+        let curves = (0..strips.scanner_numbers().len()).map(|s| constants.range_curves(s, values)).collect();
         Ok(Self { strips, rule: matched.rule, knots, curves, inverse: false })
     }
 
@@ -172,10 +172,12 @@ impl<'a> Corrections<'a> {
             return Some(map.undo(point));
         }
         let mut moved = point + map.delta_m(point);
-        if let Some((spline, coefficients)) = &self.curves[last.scanner] {
+        let curves = &self.curves[last.scanner];
+        if !curves.is_empty() {
             let ray = moved - map.scanner_m - map.shift_m;
             let range_m = ray.norm().max(1e-3);
-            moved += ray * (spline.at(coefficients, range_m) / range_m);
+            let longer_m: f64 = curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum();
+            moved += ray * (longer_m / range_m);
         }
         Some(moved)
     }

@@ -10,6 +10,7 @@ use tieline_matching::{
     is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
 };
 
+use crate::project::SurfaceWord;
 use crate::settings::{Limits, Settings};
 use crate::stage::scan::Scan;
 use crate::stage::trajectory::Poses;
@@ -123,7 +124,8 @@ fn is_within(patch: &Patch, limits: &Limits, poses: &Poses, origin_m: &[f64; 3])
         let pose = poses.at(patch.sighting.strip, patch.time_s);
         pose.is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm()))
     });
-    in_area && of_scanner && in_range
+    let of_kind = limits.surfaces.as_ref().is_none_or(|s| s.contains(&SurfaceWord::of(patch.normal.z)));
+    in_area && of_scanner && in_range && of_kind
 }
 
 /// Number of tiles that hold points, by the sparse sample.

@@ -75,7 +75,7 @@ pub fn mounting(project: &Project, lines: &[DriveLine]) -> Result<Vec<String>> {
             let axis = UnitQuaternion::from_euler_angles(roll, pitch, yaw) * Vector3::x();
             let ends = lines.iter().flat_map(|l| &l.ends).filter(|e| e.scanner == scanner.id);
             let mut values: Vec<f64> =
-                ends.map(|e| axis.dot(&(e.sighting.body_vector_m - Vector3::from(arm_m)).normalize()).abs()).collect();
+                ends.map(|e| axis.dot(&(e.delivered_m - Vector3::from(arm_m)).normalize()).abs()).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied()
         };

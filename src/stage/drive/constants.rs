@@ -3,10 +3,11 @@
 //! With nominal lever arm a and ray r = l - a of a body vector l: boresight `∂l = e × r`, lever arm `∂l = e`, latency
 //! `∂l = Cᵀ v + ω × l`, range correction `∂l = r/ρ B(ρ)`; all in the body frame, as DESIGN's observation equations.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Rotation3, Vector3};
 use tieline_graph::Calibration;
 
 use super::curve::RangeSpline;
+use super::known::Known;
 use crate::project::Project;
 
 /// Standard deviation of a scanner's clock beforehand \[s\].
@@ -78,6 +79,7 @@ pub struct Constants {
     /// Splines of range corrections, by scanner.
     pub splines: Vec<RangeSpline>,
     lever_arms_m: Vec<Vector3<f64>>,
+    known: Vec<Known>,
 }
 
 /// Where a beam was when it measured: what the derivatives need.
@@ -94,9 +96,15 @@ pub struct Beam {
 }
 
 impl Constants {
-    /// The constants of a project's scanners that are wanted; ranges \[m\] reach from the nearest to the farthest in use, for each.
+    /// The constants of a project's scanners that are wanted, beyond what is known of each; ranges \[m\] reach from the nearest to the
+    /// farthest in use, for each.
     #[must_use]
-    pub fn new(project: &Project, ranges_m: &[(f64, f64)], wanted: impl Fn(usize, Term) -> bool) -> Self {
+    pub fn new(
+        project: &Project,
+        known: &[Known],
+        ranges_m: &[(f64, f64)],
+        wanted: impl Fn(usize, Term) -> bool,
+    ) -> Self {
         let section = &project.calibrate;
         let lever_arm = |scanner: usize| {
             let known = project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner);
@@ -111,7 +119,7 @@ impl Constants {
                 let (asked, prior) = match term {
                     Term::Boresight => (section.boresight, axes(section.boresight_sigma_deg.to_radians())),
                     Term::LeverArm => (section.lever_arm, axes(section.lever_arm_sigma_m)),
-                    Term::Latency => (true, DMatrix::from_element(1, 1, LATENCY_SIGMA_S.powi(2))),
+                    Term::Latency => (section.latency, DMatrix::from_element(1, 1, LATENCY_SIGMA_S.powi(2))),
                     Term::Range => (section.range_offset || section.range_scale, range_prior(spline)),
                 };
                 if section.enabled && asked && wanted(scanner, term) {
@@ -121,7 +129,7 @@ impl Constants {
                 }
             }
         }
-        Self { groups, splines, lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect() }
+        Self { groups, splines, lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect(), known: known.to_vec() }
     }
 
     /// Number of constants.
@@ -147,11 +155,18 @@ impl Constants {
         self.groups.iter().find(|g| g.scanner == scanner && g.term == term).map(|g| g.first)
     }
 
-    /// What the body vector of a beam changes by with each constant \[m per unit\].
+    /// A beam as the strips have it, with what is known of its scanner in its body vector.
+    #[must_use]
+    pub fn known_applied(&self, beam: &Beam) -> Beam {
+        self.known.get(beam.scanner).map_or(*beam, |k| k.applied(beam, &self.lever_arm_m(beam.scanner)))
+    }
+
+    /// What the body vector of a beam changes by with each constant \[m per unit\]; what is known of the scanner is in the vector.
     #[must_use]
     pub fn derivatives(&self, beam: &Beam) -> Vec<(usize, Vector3<f64>)> {
         let mut rows = Vec::new();
-        let ray_m = beam.body_vector_m - self.lever_arm_m(beam.scanner);
+        let known_arm_m = self.known.get(beam.scanner).map_or_else(Vector3::zeros, |k| k.lever_arm_m);
+        let ray_m = beam.body_vector_m - self.lever_arm_m(beam.scanner) - known_arm_m;
         for group in self.groups.iter().filter(|g| g.scanner == beam.scanner) {
             let first = group.first;
             let mut put = |k: usize, by: Vector3<f64>| rows.push((first + k, by));
@@ -175,25 +190,31 @@ impl Constants {
         (body_vector_m - self.lever_arm_m(scanner)).norm()
     }
 
-    /// Boresight and lever arm of a scanner, as corrections.
+    /// Boresight and lever arm of a scanner, known and estimated, as corrections.
     #[must_use]
     pub fn calibration(&self, scanner: usize, values: &[f64]) -> Calibration {
         let three = |term: Term| {
             self.first(scanner, term).map_or_else(Vector3::zeros, |k| Vector3::from_column_slice(&values[k..k + 3]))
         };
+        let known = self.known.get(scanner).cloned().unwrap_or_default();
+        let turned = Rotation3::new(three(Term::Boresight)) * Rotation3::new(known.boresight_rad);
         Calibration {
-            boresight_rad: three(Term::Boresight),
-            lever_arm_m: three(Term::LeverArm),
+            boresight_rad: turned.scaled_axis(),
+            lever_arm_m: known.lever_arm_m + three(Term::LeverArm),
             range_offset_m: 0.0,
             range_scale: 0.0,
         }
     }
 
-    /// The range correction of a scanner: spline and coefficients \[m\].
+    /// The range correction of a scanner \[m\], known and estimated: splines with their coefficients, to be added.
     #[must_use]
-    pub fn range_curve(&self, scanner: usize, values: &[f64]) -> Option<(RangeSpline, Vec<f64>)> {
-        let (first, spline) = (self.first(scanner, Term::Range)?, self.splines[scanner]);
-        Some((spline, values[first..first + spline.coefficients()].to_vec()))
+    pub fn range_curves(&self, scanner: usize, values: &[f64]) -> Vec<(RangeSpline, Vec<f64>)> {
+        let known = self.known.get(scanner).map_or_else(Vec::new, |k| k.ranges.clone());
+        let estimated = self.first(scanner, Term::Range).map(|first| {
+            let spline = self.splines[scanner];
+            (spline, values[first..first + spline.coefficients()].to_vec())
+        });
+        known.into_iter().chain(estimated).collect()
     }
 
     /// Nominal lever arm of a scanner, body frame \[m\].
@@ -202,10 +223,11 @@ impl Constants {
         self.lever_arms_m.get(scanner).copied().unwrap_or_default()
     }
 
-    /// True time less stamp of a scanner \[s\].
+    /// True time less stamp of a scanner \[s\], known and estimated.
     #[must_use]
     pub fn latency_s(&self, scanner: usize, values: &[f64]) -> f64 {
-        self.first(scanner, Term::Latency).map_or(0.0, |k| values[k])
+        self.known.get(scanner).map_or(0.0, |k| k.latency_s)
+            + self.first(scanner, Term::Latency).map_or(0.0, |k| values[k])
     }
 }
 

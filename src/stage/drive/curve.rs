@@ -24,6 +24,23 @@ impl RangeSpline {
         Self { first_ln: near_m.ln(), spacing_ln: length / intervals as f64, intervals }
     }
 
+    /// The spline from `first_m` to `last_m` that has so many coefficients; none where there is no such spline.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)]
+    pub fn of_coefficients(first_m: f64, last_m: f64, coefficients: usize) -> Option<Self> {
+        let intervals = coefficients.checked_sub(3).filter(|n| *n > 0)?;
+        let is_span = first_m > 0.0 && last_m > first_m && last_m.is_finite();
+        let spacing_ln = (last_m / first_m).ln() / intervals as f64;
+        is_span.then(|| Self { first_ln: first_m.ln(), spacing_ln, intervals })
+    }
+
+    /// Its ends \[m\].
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)]
+    pub fn span_m(&self) -> (f64, f64) {
+        (self.first_ln.exp(), (self.first_ln + self.spacing_ln * self.intervals as f64).exp())
+    }
+
     /// Number of coefficients.
     #[must_use]
     pub fn coefficients(&self) -> usize {
@@ -76,5 +93,8 @@ mod tests {
             assert!((spline.at(&line, range_m) - range_m.ln()).abs() < 1e-12);
         }
         assert!((spline.at(&line, 200.0) - 60.0_f64.ln()).abs() < 1e-12, "held beyond the end");
+        let (first_m, last_m) = spline.span_m();
+        let again = RangeSpline::of_coefficients(first_m, last_m, line.len()).expect("a span");
+        assert!((again.at(&line, 7.3) - spline.at(&line, 7.3)).abs() < 1e-12);
     }
 }

@@ -7,6 +7,7 @@ pub mod check;
 pub mod choose;
 pub mod constants;
 pub mod curve;
+pub mod known;
 pub mod need;
 pub mod residuals;
 pub mod ties;
@@ -21,6 +22,7 @@ use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
 use choose::{Chosen, choose};
 use constants::Constants;
+use known::Known;
 use need::{Verdict, judge};
 use ties::{DriveLine, lines};
 use variance::Factors;
@@ -76,7 +78,7 @@ fn clock_shift_s(strips: &SurveyClock, measurements: &SurveyClock) -> f64 {
     }
 }
 
-/// Estimates trajectory and calibration of a drive.
+/// Estimates trajectory and calibration of a drive, beyond what is known of its scanners.
 ///
 /// # Errors
 /// When a part is missing, or the smoother fails.
@@ -84,6 +86,7 @@ pub fn solve(
     project: &Project,
     matched: &Matched,
     measurements: &Measurements,
+    known: &[Known],
     memory_bytes: u64,
 ) -> Result<DriveSolution> {
     let crs =
@@ -91,7 +94,7 @@ pub fn solve(
     let shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
     check::parts(project, matched, measurements, shift_s)?;
     let scanners = matched.strips.scanner_numbers().len();
-    let none = Constants::new(project, &vec![(1.0, 100.0); scanners], |_, _| false);
+    let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
     let seen = lines(matched, crs, &none, shift_s)?;
     if seen.is_empty() {
         bail!("no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive");
@@ -106,7 +109,7 @@ pub fn solve(
     let (mut factors, mut rounds) = (Factors::default(), 0);
     // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
     loop {
-        let constants = Constants::new(project, &ranges_m, |scanner, term| {
+        let constants = Constants::new(project, known, &ranges_m, |scanner, term| {
             verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
         });
         let mut lines = lines(matched, crs, &constants, shift_s)?;

@@ -41,9 +41,10 @@ pub fn residuals(drive: &DriveSolution, matched: &Matched) -> Vec<Residual> {
         .enumerate()
         .filter_map(|(row, line)| {
             let time_s = |k: usize| line.ends[k].sighting.time_s - drive.clock_shift_s;
-            let body_m = |k: usize| line.ends[k].sighting.body_vector_m;
+            let delivered_m = |k: usize| line.ends[k].delivered_m;
             let moved_m = |k: usize| line.ends[k].sighting.calibrated(constants).body_vector_m;
-            let before_m = offsets(line, |k| place(&matched.poses.at(line.ends[k].strip, time_s(k))?, &body_m(k)))?;
+            let before_m =
+                offsets(line, |k| place(&matched.poses.at(line.ends[k].strip, time_s(k))?, &delivered_m(k)))?;
             // the calibrated body vector holds what a latency moves: the pose is that of the stamp
             let after_m = offsets(line, |k| place(&drive.pose_at(time_s(k))?, &moved_m(k)))?;
             Some(Residual { line: row, class: line.class(), before_m, after_m, held_out: line.held_out })

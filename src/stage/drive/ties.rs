@@ -34,7 +34,9 @@ pub struct End {
     pub visit: usize,
     /// Standard deviation of the position by the trajectory that the strips were made with \[m\]; 0 when it is not stated.
     pub position_sigma_m: f64,
-    /// For the smoother.
+    /// Body vector as the strips have it \[m\].
+    pub delivered_m: Vector3<f64>,
+    /// For the smoother, what is known of the scanner in its body vector.
     pub sighting: Sighting,
 }
 
@@ -116,11 +118,12 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
         order.sort_by(|a, b| used[*a].1.time_s.total_cmp(&used[*b].1.time_s));
         for k in order {
             let (number, patch) = used[k];
-            let Some((pose, beam)) =
+            let Some((pose, delivered)) =
                 beam_of(trajectory, patch, measured.point_m, &measured.normal, measured.offsets[k].0, &origin_m)
             else {
                 continue;
             };
+            let beam = constants.known_applied(&delivered);
             let previous: Option<&End> = ends.last();
             let visit = previous
                 .map_or(0, |e| e.visit + usize::from(patch.time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
@@ -128,8 +131,9 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
                 number,
                 strip: patch.sighting.strip,
                 scanner: patch.sighting.scanner,
-                range_m: constants.range_m(beam.scanner, &beam.body_vector_m),
+                range_m: constants.range_m(beam.scanner, &delivered.body_vector_m),
                 visit,
+                delivered_m: delivered.body_vector_m,
                 position_sigma_m: trajectory.sigma_at(patch.time_s).map_or(0.0, |s| s.position_ned_m.norm()),
                 sighting: Sighting {
                     time_s: patch.time_s + clock_shift_s,

@@ -1,0 +1,241 @@
+//! A calibration found before, taken as known: `calibrate.known`.
+//!
+//! `[platform]` of a project says what the strips were made with. `calibration.toml` of an earlier run, of this drive or another with the same
+//! scanners, says what is known better; the difference goes into every sighting before the adjustment, which estimates what may still be
+//! missing, or nothing.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::constants::{Beam, Term};
+use super::curve::RangeSpline;
+use crate::project::{PlatformSection, Project, ScannerSection};
+
+/// What is known of a scanner against the platform that the strips were made with.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Known {
+    /// Rotation vector in the body frame, on the left of the mounting \[rad\].
+    pub boresight_rad: Vector3<f64>,
+    /// Added to the lever arm, body frame \[m\].
+    pub lever_arm_m: Vector3<f64>,
+    /// True time less stamp \[s\].
+    pub latency_s: f64,
+    /// Range corrections, to be added: splines and coefficients \[m\].
+    pub ranges: Vec<(RangeSpline, Vec<f64>)>,
+}
+
+impl Known {
+    /// The beam with the known calibration in its body vector; `lever_arm_m` is that of the platform.
+    #[must_use]
+    pub fn applied(&self, beam: &Beam, lever_arm_m: &Vector3<f64>) -> Beam {
+        let ray_m = Rotation3::new(self.boresight_rad) * (beam.body_vector_m - lever_arm_m);
+        let range_m = ray_m.norm().max(1e-3);
+        let longer = self.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum::<f64>() / range_m;
+        let moved = (beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)) * self.latency_s;
+        Beam { body_vector_m: lever_arm_m + self.lever_arm_m + ray_m * (1.0 + longer) + moved, ..*beam }
+    }
+}
+
+/// Why a calibration cannot be taken as known.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum KnownError {
+    /// Cannot be read.
+    #[error("calibrate.known {}: cannot be read: {source}", path.display())]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// Not a calibration.
+    #[error("calibrate.known {}: {message}give the calibration.toml of a drive", path.display())]
+    Parse {
+        /// File.
+        path: PathBuf,
+        /// Line, caret and cause.
+        message: String,
+    },
+    /// A scanner of the strips is not in it.
+    #[error(
+        "calibrate.known {}: scanner {scanner} is missing; it has {found:?}: give the calibration of this vehicle",
+        path.display()
+    )]
+    Scanner {
+        /// File.
+        path: PathBuf,
+        /// Which.
+        scanner: u16,
+        /// Those that it has.
+        found: Vec<u16>,
+    },
+    /// A range correction that cannot be right.
+    #[error("calibrate.known {}: the range correction of scanner {scanner} {what}", path.display())]
+    Range {
+        /// File.
+        path: PathBuf,
+        /// Which.
+        scanner: u16,
+        /// What is wrong.
+        what: &'static str,
+    },
+}
+
+/// `calibration.toml`, as far as it is taken.
+#[derive(Deserialize)]
+struct File {
+    platform: PlatformSection,
+    #[serde(default)]
+    latency: Vec<Latency>,
+    #[serde(default)]
+    range_correction: Vec<RangeCorrection>,
+}
+
+#[derive(Deserialize)]
+struct Latency {
+    scanner: u16,
+    latency_s: f64,
+}
+
+#[derive(Deserialize)]
+struct RangeCorrection {
+    scanner: u16,
+    first_m: f64,
+    last_m: f64,
+    coefficients_m: Vec<f64>,
+}
+
+/// What is known of each scanner of the platform by its id, nothing where the project names no calibration.
+///
+/// # Errors
+/// File, scanner and remedy.
+pub fn load(project: &Project) -> Result<Vec<Known>, KnownError> {
+    let Some(path) = &project.calibrate.known else { return Ok(Vec::new()) };
+    let path = project.resolve(path);
+    let text = std::fs::read_to_string(&path).map_err(|source| KnownError::Read { path: path.clone(), source })?;
+    parse(&text, &path, project)
+}
+
+fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, KnownError> {
+    let file: File = toml::from_str(text)
+        .map_err(|error| KnownError::Parse { path: path.to_path_buf(), message: error.to_string() })?;
+    let is_taken = |term: Term| project.calibrate.known_terms.iter().any(|t| t.term() == term);
+    let scanners = project.platform.scanner.iter().map(|s| usize::from(s.id) + 1).max().unwrap_or(0);
+    (0..scanners)
+        .map(|scanner| {
+            let id = u16::try_from(scanner).unwrap_or(u16::MAX);
+            let of = |platform: &PlatformSection| platform.scanner.iter().find(|s| s.id == id).cloned();
+            let Some(nominal) = of(&project.platform) else { return Ok(Known::default()) };
+            let known = of(&file.platform).ok_or_else(|| KnownError::Scanner {
+                path: path.to_path_buf(),
+                scanner: id,
+                found: file.platform.scanner.iter().map(|s| s.id).collect(),
+            })?;
+            let turned = body_from_scanner(&known) * body_from_scanner(&nominal).inverse();
+            let wrong = |what| KnownError::Range { path: path.to_path_buf(), scanner: id, what };
+            let curve = |r: &RangeCorrection| {
+                if !r.coefficients_m.iter().all(|c| c.is_finite()) {
+                    return Err(wrong("holds a coefficient that is not a number"));
+                }
+                let spline = RangeSpline::of_coefficients(r.first_m, r.last_m, r.coefficients_m.len())
+                    .ok_or_else(|| wrong("needs 0 < first_m < last_m and four coefficients or more"))?;
+                Ok((spline, r.coefficients_m.clone()))
+            };
+            let curves = file.range_correction.iter().filter(|r| r.scanner == id && is_taken(Term::Range));
+            Ok(Known {
+                boresight_rad: if is_taken(Term::Boresight) { turned.scaled_axis() } else { Vector3::zeros() },
+                lever_arm_m: if is_taken(Term::LeverArm) {
+                    Vector3::from(known.lever_arm_m) - Vector3::from(nominal.lever_arm_m)
+                } else {
+                    Vector3::zeros()
+                },
+                latency_s: file
+                    .latency
+                    .iter()
+                    .find(|l| l.scanner == id && is_taken(Term::Latency))
+                    .map_or(0.0, |l| l.latency_s),
+                ranges: curves.map(curve).collect::<Result<_, _>>()?,
+            })
+        })
+        .collect()
+}
+
+fn body_from_scanner(scanner: &ScannerSection) -> UnitQuaternion<f64> {
+    let [roll, pitch, yaw] = scanner.mounting_deg.map(f64::to_radians);
+    UnitQuaternion::new(Vector3::from(scanner.boresight_deg).map(f64::to_radians))
+        * UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::project::parse_str;
+
+    const PLATFORM: &str = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.0, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
+                            boresight_deg = [0.1, 0.0, 0.0]\n";
+
+    fn project(more: &str) -> Project {
+        parse_str(&format!("[[strips]]\npath = \"*.laz\"\n{PLATFORM}[calibrate]\nknown = \"c.toml\"\n{more}"))
+            .expect("a project")
+    }
+
+    fn beam() -> Beam {
+        Beam {
+            scanner: 0,
+            body_vector_m: Vector3::new(4.0, -3.0, 2.0),
+            velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
+            rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
+        }
+    }
+
+    #[test]
+    fn the_platform_itself_changes_nothing() {
+        let known = parse(PLATFORM, Path::new("c.toml"), &project("")).expect("known");
+        let l = known[0].applied(&beam(), &Vector3::new(1.0, 0.2, -0.3)).body_vector_m;
+        assert!((l - beam().body_vector_m).norm() < 1e-14, "{l}");
+    }
+
+    #[test]
+    fn every_term_moves_the_beam_as_its_equation_says_and_only_when_it_is_taken() {
+        let file = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.1, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
+                    boresight_deg = [0.1, 0.0, 0.0]\n[[latency]]\nscanner = 0\nlatency_s = 0.001\n\
+                    [[range_correction]]\nscanner = 0\nfirst_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n";
+        let moved = |more: &str| {
+            let known = parse(file, Path::new("c.toml"), &project(more)).expect("known");
+            known[0].applied(&beam(), &Vector3::new(1.0, 0.2, -0.3)).body_vector_m - beam().body_vector_m
+        };
+        let ray = beam().body_vector_m - Vector3::new(1.0, 0.2, -0.3);
+        let arm = Vector3::new(0.1, 0.0, 0.0);
+        let latency = (Vector3::new(10.0, 0.0, 0.0) + Vector3::new(0.0, 0.0, 0.2).cross(&beam().body_vector_m)) * 0.001;
+        let range = ray.normalize() * 0.004;
+        for (more, expected) in [
+            ("", arm + latency + range),
+            ("known_terms = [\"lever_arm\"]\n", arm),
+            ("known_terms = [\"latency\"]\n", latency),
+            ("known_terms = [\"range\"]\n", range),
+            ("known_terms = []\n", Vector3::zeros()),
+        ] {
+            assert!((moved(more) - expected).norm() < 1e-12, "{more}: {} {expected}", moved(more));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_taken_is_named() {
+        let refuse = |text: &str, word: &str| {
+            let error = parse(text, Path::new("c.toml"), &project("")).expect_err("refused").to_string();
+            assert!(error.contains("c.toml") && error.contains(word), "{error}");
+        };
+        refuse("[platform]\n", "scanner 0 is missing");
+        refuse("nothing = 1\n", "platform");
+        let with = |coefficients: &str, last: &str| {
+            format!(
+                "{PLATFORM}[[range_correction]]\nscanner = 0\nfirst_m = 2.0\nlast_m = {last}\ncoefficients_m = {coefficients}\n"
+            )
+        };
+        refuse(&with("[0.0, 0.0]", "20.0"), "four coefficients");
+        refuse(&with("[0.0, 0.0, 0.0, nan]", "20.0"), "not a number");
+        refuse(&with("[0.0, 0.0, 0.0, 0.0]", "1.0"), "first_m < last_m");
+    }
+}

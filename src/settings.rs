@@ -12,7 +12,7 @@ use crate::sample::{Sample, block};
 use crate::survey::{Survey, SurveyFile};
 
 /// Ties looked for in a second of a drive.
-const TIES_PER_SECOND: f64 = 50.0;
+const TIES_PER_SECOND: f64 = 200.0;
 
 /// One setting as it is reported: key, value, reason.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -164,10 +164,7 @@ impl Settings {
         };
         let (max_ties, reason) = match (m.max_ties, &project.imu) {
             (Some(given), _) => (given, asked),
-            (None, Some(_)) => (
-                of_drive(),
-                "50 for each second of the drive; the smoother takes those that tell something of their own",
-            ),
+            (None, Some(_)) => (of_drive(), "200 for each second of the drive; like ones go to the smoother as one"),
             (None, None) => (6_000, "far more than the unknowns need"),
         };
         tell("match.max_ties", max_ties.to_string(), reason);

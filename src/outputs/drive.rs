@@ -1,11 +1,13 @@
 //! The files of a drive that others read: ties, range bias, calibration, correction over time.
 
+mod calibration;
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use nalgebra::{Rotation3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 use tieline_filter::frames::roll_pitch_heading_rad;
 use tieline_filter::{Correction, CorrectionRow};
 use tieline_io::correction::write_correction;
@@ -41,7 +43,7 @@ pub fn write_drive(
         write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
     };
     whole("range_bias.csv", &range_bias(drive))?;
-    whole("calibration.toml", &calibration(project, drive))?;
+    whole("calibration.toml", &calibration::text(project, drive))?;
     write_correction_of(matched, drive, out)
 }
 
@@ -56,12 +58,14 @@ fn write_ties(
 ) -> Result<()> {
     // what became of each line: used, or why not
     let mut fate: BTreeMap<usize, (bool, &str)> = BTreeMap::new();
-    for ((line, _), used) in drive.chosen.of.iter().zip(&drive.solution.ties) {
-        let entry = fate.entry(*line).or_insert((false, ""));
-        match used.why_not {
-            None => *entry = (true, ""),
-            Some(why) if !entry.0 => entry.1 = why,
-            Some(_) => {}
+    for (parts, used) in drive.chosen.of.iter().zip(&drive.solution.ties) {
+        for (line, _) in parts {
+            let entry = fate.entry(*line).or_insert((false, ""));
+            match used.why_not {
+                None => *entry = (true, ""),
+                Some(why) if !entry.0 => entry.1 = why,
+                Some(_) => {}
+            }
         }
     }
     let by_line: BTreeMap<usize, &Residual> = residuals.iter().map(|r| (r.line, r)).collect();
@@ -136,77 +140,6 @@ fn range_bias(drive: &DriveSolution) -> String {
         for range_m in ranges_of_curve(drive, scanner) {
             let (bias_m, sigma_m) = bias_at(drive, scanner, range_m).unwrap_or((0.0, 0.0));
             let _ = writeln!(text, "{scanner},{range_m:.2},{bias_m:.6},{sigma_m:.6}");
-        }
-    }
-    text
-}
-
-fn calibration(project: &Project, drive: &DriveSolution) -> String {
-    let mut text = String::from(
-        "# Calibration estimated by tieline: calibrate.known = \"calibration.toml\" takes it as known. [platform] goes into a project whose strips\n\
-         # are made with it. Range corrections are added to a range, all of a scanner together: coefficients of a cubic B-spline, knots evenly spaced in the\n\
-         # logarithm of the range; range_bias.csv has the curve.\n\n[platform]\n",
-    );
-    if let Some(arm) = project.platform.gnss_lever_arm_m {
-        let _ = writeln!(text, "gnss_lever_arm_m = {arm:?}");
-    }
-    let estimate = &drive.solution.calibration;
-    for scanner in 0..drive.ranges_m.len() {
-        let nominal =
-            project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner).cloned().unwrap_or_default();
-        let c = drive.constants.calibration(scanner, &estimate.value);
-        let before = Rotation3::new(Vector3::from(nominal.boresight_deg).map(f64::to_radians));
-        let boresight = (Rotation3::new(c.boresight_rad) * before).scaled_axis().map(f64::to_degrees);
-        let arm = Vector3::from(nominal.lever_arm_m) + c.lever_arm_m;
-        let _ = writeln!(
-            text,
-            "\n[[platform.scanner]]\nid = {scanner}\nlever_arm_m = [{:.5}, {:.5}, {:.5}]\nmounting_deg = {:?}\n\
-             boresight_deg = [{:.6}, {:.6}, {:.6}]",
-            arm.x, arm.y, arm.z, nominal.mounting_deg, boresight.x, boresight.y, boresight.z
-        );
-    }
-    for scanner in 0..drive.ranges_m.len() {
-        let latency_s = drive.constants.latency_s(scanner, &estimate.value);
-        let _ = writeln!(text, "\n[[latency]]\nscanner = {scanner}\nlatency_s = {latency_s:.9}");
-        for (spline, coefficients_m) in drive.constants.range_curves(scanner, &estimate.value) {
-            let (first_m, last_m) = spline.span_m();
-            let _ = writeln!(
-                text,
-                "\n[[range_correction]]\nscanner = {scanner}\nfirst_m = {first_m:?}\nlast_m = {last_m:?}\ncoefficients_m = {coefficients_m:.7?}"
-            );
-        }
-    }
-    for verdict in &drive.verdicts {
-        let _ = writeln!(
-            text,
-            "\n[[term]]\nscanner = {}\nname = \"{}\"\nestimated = {} # {}\ntest = {:.3} # above 1: the data ask for it\n\
-             directions_not_seen = {}",
-            verdict.scanner,
-            verdict.term.as_str(),
-            verdict.needed,
-            if verdict.needed { "estimated" } else { "fixed at its nominal value" },
-            verdict.ratio,
-            verdict.not_seen
-        );
-    }
-    for group in drive.constants.groups.iter().filter(|g| g.term != Term::Range) {
-        let (unit, factor) = match group.term {
-            Term::Boresight => ("deg", 1f64.to_degrees()),
-            Term::Latency => ("s", 1.0),
-            Term::LeverArm | Term::Range => ("m", 1.0),
-        };
-        for k in 0..group.prior.nrows() {
-            let axis = if group.prior.nrows() == 3 { ["x", "y", "z"][k] } else { "" };
-            let i = group.first + k;
-            let _ = writeln!(
-                text,
-                "\n[[estimate]]\nscanner = {}\nname = \"{}\"\nunit = \"{unit}\"\nvalue = {:.7}\nsigma = {:.7}\nprior_sigma = {:.7}",
-                group.scanner,
-                format!("{} {axis}", group.term.as_str()).trim_end(),
-                estimate.value[i] * factor,
-                estimate.sigma(i) * factor,
-                group.prior[(k, k)].sqrt() * factor
-            );
         }
     }
     text

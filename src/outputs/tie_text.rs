@@ -35,7 +35,7 @@ pub fn write_tie_text_of(drive: &DriveSolution, clock: &SurveyClock, crs: Option
 fn tie(drive: &DriveSolution, number: usize, later_s: f64) -> TextTie {
     let constants = &drive.solution.calibration.value;
     let (of, fate) = (&drive.chosen.ties[number], &drive.solution.ties[number]);
-    let (line, visit) = drive.chosen.of[number];
+    let (line, visit) = drive.chosen.of[number][0]; // the others of a mean were seen by the same scanners
     let line = &drive.lines[line];
     let is_of = |end: &End| visit.is_none_or(|v| end.visit == v);
     let ends = line.ends.iter().filter(|e| is_of(e));

@@ -23,18 +23,21 @@ enum Task {
         /// Which proof
         #[arg(value_parser = ["strips", "filter", "mobile", "graph"])]
         what: String,
-        /// Only the lines whose name begins with this
+        /// Only the lines whose name begins with this, or with one of these between commas
         #[arg(long)]
         only: Option<String>,
+        /// Seeds of simulated drives (mobile); ten when left out
+        #[arg(long)]
+        seeds: Option<u64>,
     },
 }
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
         Task::Figures => figures::draw(),
-        Task::Prove { what, only } if what == "filter" => prove::filter(only.as_deref()),
-        Task::Prove { what, only } if what == "graph" => prove::graph(only.as_deref()),
-        Task::Prove { what, only } if what == "mobile" => prove::mobile(only.as_deref()),
+        Task::Prove { what, only, .. } if what == "filter" => prove::filter(only.as_deref()),
+        Task::Prove { what, only, .. } if what == "graph" => prove::graph(only.as_deref()),
+        Task::Prove { what, only, seeds } if what == "mobile" => prove::mobile(only.as_deref(), seeds),
         Task::Prove { only, .. } => prove::strips(only.as_deref()),
     }
 }

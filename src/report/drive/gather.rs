@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use tieline_filter::TieKind;
+
 use crate::outputs::drive::{bias_at, corrections, ranges_of_curve};
 use crate::report::data::{Discrepancies, Discrepancy, TieCounts};
 use crate::report::drive::DriveReport;
@@ -82,11 +84,10 @@ fn charts(report: &DriveReport<'_>) -> DriveCharts {
         })
         .collect();
     let mut tie_times_s = [Vec::new(), Vec::new()];
-    for ((line, visit), used) in drive.chosen.of.iter().zip(&drive.solution.ties) {
+    for (tie, used) in drive.chosen.ties.iter().zip(&drive.solution.ties) {
         if used.why_not.is_none() {
-            let ends = drive.lines[*line].ends.iter().filter(|e| visit.is_none_or(|v| v == e.visit));
-            let times = &mut tie_times_s[usize::from(visit.is_some())];
-            times.extend(ends.map(|e| e.sighting.time_s - drive.clock_shift_s));
+            let times = &mut tie_times_s[usize::from(tie.kind == TieKind::Increment)];
+            times.extend(tie.sightings.iter().map(|s| s.time_s - drive.clock_shift_s));
         }
     }
     let path = corrections.iter().filter_map(|row| {
@@ -139,8 +140,10 @@ type Ties = BTreeMap<String, ClassSummary>;
 fn ties(report: &DriveReport<'_>, pairs: &[PairPoint]) -> (Ties, Ties) {
     let drive = report.drive;
     let mut used = vec![false; drive.lines.len()];
-    for ((line, _), tie) in drive.chosen.of.iter().zip(&drive.solution.ties) {
-        used[*line] |= tie.why_not.is_none();
+    for (parts, tie) in drive.chosen.of.iter().zip(&drive.solution.ties) {
+        for (line, _) in parts {
+            used[*line] |= tie.why_not.is_none();
+        }
     }
     let kinds = ["surface_line", "line", "xyz_point", "increment", "submap", "control"];
     let mut by_kind: Ties = kinds.iter().map(|k| (String::from(*k), ClassSummary::default())).collect();

@@ -1,23 +1,24 @@
 //! Which lines become ties: as many as carry information of their own.
 //!
 //! Errors of the trajectory change slowly. Two ties of like direction, seen within a fraction of a second at like ranges, tell the
-//! same twice. Of each kind the best comes first, and what lies too near in time to one already taken is left out; the nearness
-//! grows until no more live at one time than the smoother holds. Loop ties matter where the trajectory is not known well
-//! without them: elsewhere they stand further apart.
+//! same twice: they go in as one ([`super::merge`]). Of each kind the best comes first and what lies near in time to one already taken joins it,
+//! where the same scanners saw it, or is left out; the nearness grows until no more live at one time than the smoother holds. Loop ties matter where
+//! the trajectory is not known well without them: elsewhere they stand further apart.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use tieline_filter::{FilterTie, TieKind};
+use tieline_filter::{FilterTie, TieKind, Trajectory};
 
-use super::ties::{DriveLine, End};
+use super::merge::{Part, are_like, ends, merged};
+use super::ties::DriveLine;
 
 /// The choice.
 #[derive(Debug, Clone, Default)]
 pub struct Chosen {
     /// Ties for the smoother.
     pub ties: Vec<FilterTie>,
-    /// Line and visit (none: all visits) of each.
-    pub of: Vec<(usize, Option<usize>)>,
+    /// What each was made of, the most precise first: lines, and visits (none: all visits).
+    pub of: Vec<Vec<Part>>,
     /// Nearness in time \[s\]: of loop ties, of increments.
     pub spacing_s: (f64, f64),
 }
@@ -25,37 +26,38 @@ pub struct Chosen {
 /// Shares of the states that the smoother holds: for loop ties and for increments.
 const LOOP_SHARE: f64 = 0.5;
 const INCREMENT_SHARE: f64 = 0.45;
+/// Lines whose ends are further apart in time than this are not made one tie \[s\].
+const MERGED_S: f64 = 0.5;
 
-/// Chooses for a number of live states.
+/// Chooses for a number of live states. The trajectory is that which the strips were made with; `clock_shift_s` leads from its clock to
+/// the smoother's.
 #[must_use]
 #[allow(clippy::cast_precision_loss)]
-pub fn choose(lines: &[DriveLine], most_live: usize) -> Chosen {
+pub fn choose(lines: &[DriveLine], most_live: usize, trajectory: &Trajectory, clock_shift_s: f64) -> Chosen {
     let mut loops = Vec::new();
     let mut increments = Vec::new();
     for (i, line) in lines.iter().enumerate().filter(|(_, l)| !l.held_out) {
         if line.visits() > 1 {
-            loops.push(Candidate::new(i, None, line, |_| true));
+            loops.push(Candidate::new(line, (i, None)));
         }
         for visit in 0..line.visits() {
-            if line.ends.iter().filter(|e| e.visit == visit).count() > 1 {
-                increments.push(Candidate::new(i, Some(visit), line, |e| e.visit == visit));
+            if ends(line, Some(visit)).count() > 1 {
+                increments.push(Candidate::new(line, (i, Some(visit))));
             }
         }
     }
-    let (of_loops, loop_s) = thin(loops, most_live as f64 * LOOP_SHARE);
-    let taken: std::collections::BTreeSet<usize> = of_loops.iter().map(|c| c.line).collect();
-    increments.retain(|c| !taken.contains(&c.line));
-    let (of_increments, increment_s) = thin(increments, most_live as f64 * INCREMENT_SHARE);
+    let (of_loops, loop_s) = thin(loops, lines, most_live as f64 * LOOP_SHARE);
+    let taken: BTreeSet<usize> = of_loops.iter().flatten().map(|(line, _)| *line).collect();
+    increments.retain(|c| !taken.contains(&c.part.0));
+    let (of_increments, increment_s) = thin(increments, lines, most_live as f64 * INCREMENT_SHARE);
     let mut chosen = Chosen { spacing_s: (loop_s, increment_s), ..Chosen::default() };
-    for candidate in of_loops.into_iter().chain(of_increments) {
-        let line = &lines[candidate.line];
+    for parts in of_loops.iter().chain(&of_increments) {
+        let kind = if parts[0].1.is_none() { TieKind::SurfaceLine } else { TieKind::Increment };
         let id = chosen.ties.len() as u64;
-        let tie = match candidate.visit {
-            None => line.tie(id, TieKind::SurfaceLine, |_| true),
-            Some(visit) => line.tie(id, TieKind::Increment, |e| e.visit == visit),
-        };
-        chosen.ties.push(tie);
-        chosen.of.push((candidate.line, candidate.visit));
+        if let Some((tie, of)) = merged(lines, parts, trajectory, clock_shift_s, id, kind) {
+            chosen.ties.push(tie);
+            chosen.of.push(of);
+        }
     }
     chosen
 }
@@ -64,8 +66,7 @@ pub fn choose(lines: &[DriveLine], most_live: usize) -> Chosen {
 type Kind = (u8, Vec<(u16, u8)>);
 
 struct Candidate {
-    line: usize,
-    visit: Option<usize>,
+    part: Part,
     first_s: f64,
     last_s: f64,
     variance_m2: f64,
@@ -75,19 +76,28 @@ struct Candidate {
 }
 
 impl Candidate {
-    fn new(line: usize, visit: Option<usize>, of: &DriveLine, ends: impl Fn(&End) -> bool) -> Self {
-        let ends: Vec<&End> = of.ends.iter().filter(|e| ends(e)).collect();
-        let mut seen: Vec<(u16, u8)> = ends.iter().map(|e| (e.scanner, range_class(e.range_m))).collect();
-        seen.truncate(2);
+    fn new(line: &DriveLine, part: Part) -> Self {
+        let (mut first_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
+        let (mut variance_m2, mut count, mut position_sigma_m) = (0.0, 0.0, 0.0_f64);
+        let mut seen = Vec::new();
+        for end in ends(line, part.1) {
+            first_s = first_s.min(end.sighting.time_s);
+            last_s = last_s.max(end.sighting.time_s);
+            variance_m2 += end.sighting.covariance_m2[(0, 0)];
+            position_sigma_m = position_sigma_m.max(end.position_sigma_m);
+            count += 1.0;
+            if seen.len() < 2 {
+                seen.push((end.scanner, range_class(end.range_m)));
+            }
+        }
         Self {
-            line,
-            visit,
-            first_s: ends[0].sighting.time_s,
-            last_s: ends[ends.len() - 1].sighting.time_s,
-            variance_m2: ends.iter().map(|e| e.sighting.covariance_m2[(0, 0)]).sum::<f64>() / ends.len() as f64,
-            position_sigma_m: ends.iter().map(|e| e.position_sigma_m).fold(0.0, f64::max),
+            part,
+            first_s,
+            last_s,
+            variance_m2: variance_m2 / count,
+            position_sigma_m,
             // loop ties bind the trajectory: their ranges do not matter
-            kind: (direction_class(of), if visit.is_some() { seen } else { Vec::new() }),
+            kind: (direction_class(line), if part.1.is_some() { seen } else { Vec::new() }),
         }
     }
 }
@@ -113,38 +123,87 @@ fn range_class(range_m: f64) -> u8 {
     (range_m.max(1.0).log2() * 2.0) as u8
 }
 
-/// Thins candidates until no more than `most_live` live at one time on average of the busiest minute.
-fn thin(mut candidates: Vec<Candidate>, most_live: f64) -> (Vec<Candidate>, f64) {
-    candidates.sort_by(|a, b| a.variance_m2.total_cmp(&b.variance_m2).then(a.line.cmp(&b.line)));
+/// Thins candidates until no more than `most_live` live at one time on average of the busiest minute; each that is kept stands first among those
+/// that join it.
+fn thin(mut candidates: Vec<Candidate>, lines: &[DriveLine], most_live: f64) -> (Vec<Vec<Part>>, f64) {
+    candidates.sort_by(|a, b| a.variance_m2.total_cmp(&b.variance_m2).then(a.part.cmp(&b.part)));
     let least_m = candidates.iter().map(|c| c.position_sigma_m).fold(f64::INFINITY, f64::min);
     let widened = |c: &Candidate| {
-        let known = c.visit.is_none() && c.position_sigma_m <= WELL_KNOWN * least_m;
+        let known = c.part.1.is_none() && c.position_sigma_m <= WELL_KNOWN * least_m;
         if known { WELL_KNOWN_SPACING } else { 1.0 }
     };
     let mut spacing_s = 0.05;
     loop {
-        let mut taken: BTreeMap<&Kind, Vec<(f64, f64)>> = BTreeMap::new();
-        let mut kept = Vec::new();
+        let mut kept = Kept::default();
         for (i, c) in candidates.iter().enumerate() {
-            let of_kind = taken.entry(&c.kind).or_default();
-            let apart_s = spacing_s * widened(c);
-            let near = |t: &(f64, f64)| (t.0 - c.first_s).abs() < apart_s && (t.1 - c.last_s).abs() < apart_s;
-            if !of_kind.iter().any(near) {
-                of_kind.push((c.first_s, c.last_s));
-                kept.push(i);
-            }
+            kept.take(i, c, spacing_s * widened(c));
         }
-        if busiest(kept.iter().map(|i| (candidates[*i].first_s, candidates[*i].last_s))) <= most_live
-            || spacing_s > 60.0
-        {
-            let mut row = 0;
-            candidates.retain(|_| {
-                row += 1;
-                kept.binary_search(&(row - 1)).is_ok()
-            });
-            return (candidates, spacing_s);
+        let spans = || kept.clusters.iter().map(|i| (candidates[i[0]].first_s, candidates[i[0]].last_s));
+        if busiest(spans()) <= most_live || spacing_s > 60.0 {
+            return (kept.parts(&candidates, lines), spacing_s);
         }
         spacing_s *= 1.2;
+    }
+}
+
+/// What is kept, by kind in order of the first end's time: clusters of rows of candidates, the first of each its seed.
+#[derive(Default)]
+struct Kept<'a> {
+    by_kind: BTreeMap<&'a Kind, BTreeMap<Moment, usize>>,
+    clusters: Vec<Vec<usize>>,
+    seeds: Vec<&'a Candidate>,
+}
+
+/// A time that sorts, and the row that makes it unique.
+#[derive(PartialEq, Clone, Copy)]
+struct Moment(f64, usize);
+
+impl Eq for Moment {}
+
+impl PartialOrd for Moment {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Moment {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1))
+    }
+}
+
+impl<'a> Kept<'a> {
+    /// Keeps a candidate, or lets it join the seed that is nearest.
+    fn take(&mut self, row: usize, c: &'a Candidate, apart_s: f64) {
+        let of_kind = self.by_kind.entry(&c.kind).or_default();
+        let around = of_kind.range(Moment(c.first_s - apart_s, 0)..Moment(c.first_s + apart_s, usize::MAX));
+        let off_s = |cluster: &usize| {
+            let seed = self.seeds[*cluster];
+            (seed.first_s - c.first_s).abs().max((seed.last_s - c.last_s).abs())
+        };
+        let nearest = around.map(|(_, cluster)| *cluster).min_by(|a, b| off_s(a).total_cmp(&off_s(b)));
+        match nearest.filter(|cluster| off_s(cluster) < apart_s) {
+            Some(cluster) => {
+                if off_s(&cluster) < MERGED_S {
+                    self.clusters[cluster].push(row);
+                }
+            }
+            None => {
+                of_kind.insert(Moment(c.first_s, row), self.clusters.len());
+                self.clusters.push(vec![row]);
+                self.seeds.push(c);
+            }
+        }
+    }
+
+    /// The clusters, without candidates that are not like their seed.
+    fn parts(&self, candidates: &[Candidate], lines: &[DriveLine]) -> Vec<Vec<Part>> {
+        let of_cluster = |rows: &Vec<usize>| {
+            let seed = candidates[rows[0]].part;
+            let parts = rows.iter().map(|row| candidates[*row].part);
+            parts.filter(|part| *part == seed || are_like(lines, seed, *part)).collect()
+        };
+        self.clusters.iter().map(of_cluster).collect()
     }
 }
 

@@ -3,7 +3,7 @@
 //! With nominal lever arm a and ray r = l - a of a body vector l: boresight `∂l = e × r`, lever arm `∂l = e`, latency
 //! `∂l = Cᵀ v + ω × l`, range correction `∂l = r/ρ B(ρ)`; all in the body frame, as DESIGN's observation equations.
 
-use nalgebra::{DMatrix, Rotation3, Vector3};
+use nalgebra::{DMatrix, Rotation3, UnitQuaternion, Vector3};
 use tieline_graph::Calibration;
 
 use super::curve::RangeSpline;
@@ -15,9 +15,9 @@ const LATENCY_SIGMA_S: f64 = 2e-4;
 /// Range corrections beforehand: what is common to all ranges \[m\], what grows with them, and what bends \[m\].
 const RANGE_OFFSET_SIGMA_M: f64 = 0.01;
 const RANGE_SCALE_SIGMA: f64 = 1e-4;
-const RANGE_BEND_SIGMA_M: f64 = 0.005;
+const RANGE_BEND_SIGMA_M: f64 = 0.01;
 /// Over this much in ln ρ a bend is independent.
-const RANGE_BEND_LN: f64 = 0.25;
+const RANGE_BEND_LN: f64 = 0.5;
 /// Spacing of knots in ln ρ.
 const KNOT_LN: f64 = 0.125;
 
@@ -79,6 +79,7 @@ pub struct Constants {
     /// Splines of range corrections, by scanner.
     pub splines: Vec<RangeSpline>,
     lever_arms_m: Vec<Vector3<f64>>,
+    axes: Vec<Vector3<f64>>,
     known: Vec<Known>,
 }
 
@@ -110,6 +111,11 @@ impl Constants {
             let known = project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner);
             known.map_or_else(Vector3::zeros, |s| Vector3::from(s.lever_arm_m))
         };
+        let axis = |scanner: usize| {
+            let known = project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner);
+            let [roll, pitch, yaw] = known.map_or([0.0; 3], |s| s.mounting_deg.map(f64::to_radians));
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw) * Vector3::x()
+        };
         let splines: Vec<RangeSpline> =
             ranges_m.iter().map(|(near_m, far_m)| RangeSpline::new(*near_m, *far_m, KNOT_LN)).collect();
         let mut groups = Vec::new();
@@ -129,7 +135,13 @@ impl Constants {
                 }
             }
         }
-        Self { groups, splines, lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect(), known: known.to_vec() }
+        Self {
+            groups,
+            splines,
+            lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect(),
+            axes: (0..ranges_m.len()).map(axis).collect(),
+            known: known.to_vec(),
+        }
     }
 
     /// Number of constants.
@@ -223,6 +235,12 @@ impl Constants {
         self.lever_arms_m.get(scanner).copied().unwrap_or_default()
     }
 
+    /// Axis that a profile scanner turns about, by its nominal mounting, body frame.
+    #[must_use]
+    pub fn axis(&self, scanner: usize) -> Vector3<f64> {
+        self.axes.get(scanner).copied().unwrap_or_else(Vector3::x)
+    }
+
     /// True time less stamp of a scanner \[s\], known and estimated.
     #[must_use]
     pub fn latency_s(&self, scanner: usize, values: &[f64]) -> f64 {
@@ -243,7 +261,8 @@ fn range_prior(spline: &RangeSpline) -> DMatrix<f64> {
     let n = spline.coefficients();
     DMatrix::from_fn(n, n, |i, j| {
         let (a, b) = (spline.centre_ln(i), spline.centre_ln(j));
-        let bend = (-0.5 * ((a - b) / RANGE_BEND_LN).powi(2)).exp();
+        let apart = 3.0_f64.sqrt() * (a - b).abs() / RANGE_BEND_LN;
+        let bend = (1.0 + apart) * (-apart).exp();
         let own = if i == j { 1e-4 } else { 0.0 };
         RANGE_OFFSET_SIGMA_M.powi(2)
             + RANGE_SCALE_SIGMA.powi(2) * a.exp() * b.exp()

@@ -177,7 +177,7 @@ mod tests {
                             boresight_deg = [0.1, 0.0, 0.0]\n";
 
     fn project(more: &str) -> Project {
-        parse_str(&format!("[[strips]]\npath = \"*.laz\"\n{PLATFORM}[calibrate]\nknown = \"c.toml\"\n{more}"))
+        parse_str(&format!("[[strips]]\npath = \"*.laz\"\n[imu]\npath = \"imu.txt\"\ngrade = \"ap60\"\n{PLATFORM}[calibrate]\nknown = \"c.toml\"\n{more}"))
             .expect("a project")
     }
 

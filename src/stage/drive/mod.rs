@@ -8,6 +8,7 @@ pub mod choose;
 pub mod constants;
 pub mod curve;
 pub mod known;
+pub mod merge;
 pub mod need;
 pub mod residuals;
 pub mod ties;
@@ -91,6 +92,7 @@ pub fn solve(
 ) -> Result<DriveSolution> {
     let crs =
         matched.survey.crs.as_ref().context("the reference system of the strips is not known: set project.crs")?;
+    let delivered = matched.poses.shared().context("a drive needs its trajectory: [trajectory]")?;
     let shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
     check::parts(project, matched, measurements, shift_s)?;
     let scanners = matched.strips.scanner_numbers().len();
@@ -114,7 +116,7 @@ pub fn solve(
         });
         let mut lines = lines(matched, crs, &constants, shift_s)?;
         factors.apply(&mut lines);
-        let chosen = choose(&lines, MOST_LIVE);
+        let chosen = choose(&lines, MOST_LIVE, delivered, shift_s);
         options.calibration_covariance = constants.covariance();
         let inputs = Inputs { ties: chosen.ties.clone(), ..measurements.inputs.clone() };
         let solution = smooth(project, &inputs, &options)?;
@@ -156,8 +158,9 @@ pub fn solve(
 /// What there is to say of the choice of ties and of the terms.
 fn notes_of(chosen: &Chosen, solution: &Solution, verdicts: &[Verdict]) -> Vec<String> {
     let mut notes = vec![format!(
-        "{} ties for the smoother: of like loop ties one every {:.2} s, of like increments one every {:.2} s",
+        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s, of like increments one every {:.2} s",
         chosen.ties.len(),
+        chosen.of.iter().map(Vec::len).sum::<usize>(),
         chosen.spacing_s.0,
         chosen.spacing_s.1
     )];

@@ -118,15 +118,16 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
         order.sort_by(|a, b| used[*a].1.time_s.total_cmp(&used[*b].1.time_s));
         for k in order {
             let (number, patch) = used[k];
-            let Some((pose, delivered)) =
-                beam_of(trajectory, patch, measured.point_m, &measured.normal, measured.offsets[k].0, &origin_m)
-            else {
+            let feature_m = measured.point_m + measured.normal * measured.offsets[k].0 + origin_m;
+            let centroid_m = patch.centroid_m + origin_m;
+            let Some((pose, delivered)) = beam_of(trajectory, constants, patch, &centroid_m, &feature_m) else {
                 continue;
             };
+            let time_s = pose.time_s;
             let beam = constants.known_applied(&delivered);
             let previous: Option<&End> = ends.last();
-            let visit = previous
-                .map_or(0, |e| e.visit + usize::from(patch.time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
+            let visit =
+                previous.map_or(0, |e| e.visit + usize::from(time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
             ends.push(End {
                 number,
                 strip: patch.sighting.strip,
@@ -134,9 +135,9 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
                 range_m: constants.range_m(beam.scanner, &delivered.body_vector_m),
                 visit,
                 delivered_m: delivered.body_vector_m,
-                position_sigma_m: trajectory.sigma_at(patch.time_s).map_or(0.0, |s| s.position_ned_m.norm()),
+                position_sigma_m: trajectory.sigma_at(time_s).map_or(0.0, |s| s.position_ned_m.norm()),
                 sighting: Sighting {
-                    time_s: patch.time_s + clock_shift_s,
+                    time_s: time_s + clock_shift_s,
                     body_vector_m: beam.body_vector_m,
                     covariance_m2: Matrix3::from_diagonal_element(measured.offsets[k].1.powi(2)),
                     by_constant: constants.derivatives(&beam),
@@ -161,30 +162,82 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
     Ok(lines)
 }
 
-/// How an end was seen: its feature is where its plane meets the common normal.
+/// How an end was seen: pose and beam at the moment when its feature was measured, which is where its plane meets the common normal.
 fn beam_of(
     trajectory: &Trajectory,
+    constants: &Constants,
     patch: &Patch,
-    point_m: Vector3<f64>,
-    normal: &Vector3<f64>,
-    offset_m: f64,
-    origin_m: &Vector3<f64>,
+    centroid_m: &Vector3<f64>,
+    feature_m: &Vector3<f64>,
 ) -> Option<(Pose, Beam)> {
-    const STEP_S: f64 = 0.02;
-    let time_s = patch.time_s;
-    let pose = trajectory.pose_at(time_s)?;
-    let feature_m = point_m + normal * offset_m + origin_m;
-    let (first_s, last_s) = trajectory.span_s();
-    let (from, to) =
-        (trajectory.pose_at((time_s - STEP_S).max(first_s))?, trajectory.pose_at((time_s + STEP_S).min(last_s))?);
-    let step_s = to.time_s - from.time_s;
-    let velocity_ned_mps = (from.ned_vector_m(&to.position)) / step_s;
-    let turned = from.ned_from_body.inverse() * to.ned_from_body;
-    let beam = Beam {
-        scanner: usize::from(patch.sighting.scanner),
-        body_vector_m: pose.body_vector_m(&feature_m),
-        velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
-        rate_body_radps: turned.scaled_axis() / step_s,
+    let scanner = usize::from(patch.sighting.scanner);
+    let at = |time_s: f64| -> Option<(Pose, Beam)> {
+        const STEP_S: f64 = 0.02;
+        let pose = trajectory.pose_at(time_s)?;
+        let (first_s, last_s) = trajectory.span_s();
+        let (from, to) =
+            (trajectory.pose_at((time_s - STEP_S).max(first_s))?, trajectory.pose_at((time_s + STEP_S).min(last_s))?);
+        let step_s = to.time_s - from.time_s;
+        let velocity_ned_mps = (from.ned_vector_m(&to.position)) / step_s;
+        let turned = from.ned_from_body.inverse() * to.ned_from_body;
+        let beam = Beam {
+            scanner,
+            body_vector_m: pose.body_vector_m(feature_m),
+            velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
+            rate_body_radps: turned.scaled_axis() / step_s,
+        };
+        Some((pose, beam))
     };
-    Some((pose, beam))
+    let (pose, beam) = at(patch.time_s)?;
+    let later_s =
+        passing_s(&beam, &pose.body_vector_m(centroid_m), &constants.axis(scanner), &constants.lever_arm_m(scanner));
+    if later_s == 0.0 {
+        return Some((pose, beam));
+    }
+    at(patch.time_s + later_s).or(Some((pose, beam)))
+}
+
+/// How much later than a patch's centroid a profile scanner passed its feature \[s\]: the patch's mean time is that of the centroid, and a
+/// beam of that time that leads to the feature is of another length than the one that measured it. With the axis k, the rays r of feature
+/// and centroid and the feature's velocity in the body frame, `k · (r_f - r_c) = τ k · (v + ω × l)`.
+fn passing_s(beam: &Beam, centroid_body_m: &Vector3<f64>, axis: &Vector3<f64>, lever_arm_m: &Vector3<f64>) -> f64 {
+    /// Rays of a profile scanner leave the plane across its axis by less than this share.
+    const IN_PLANE: f64 = 0.1;
+    /// Slower than this the plane passes nothing \[m/s\].
+    const SLOWEST_MPS: f64 = 0.5;
+    /// Patches are of a moment \[s\].
+    const LONGEST_S: f64 = 0.25;
+    let ray_m = centroid_body_m - lever_arm_m;
+    let speed_mps = axis.dot(&(beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)));
+    if axis.dot(&ray_m).abs() > IN_PLANE * ray_m.norm() || speed_mps.abs() < SLOWEST_MPS {
+        return 0.0;
+    }
+    let later_s = axis.dot(&(beam.body_vector_m - centroid_body_m)) / speed_mps;
+    if later_s.abs() <= LONGEST_S { later_s } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_feature_ahead_of_the_centroid_was_passed_later() {
+        // 10 m/s ahead and turning, a scanner whose plane stands at 45° to the way
+        let axis = Vector3::new(1.0, 1.0, 0.0).normalize();
+        let lever_arm_m = Vector3::new(-0.5, 0.4, -0.3);
+        let (velocity, rate) = (Vector3::new(10.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.3));
+        let centroid = lever_arm_m + axis.cross(&Vector3::z()) * 9.0 + Vector3::new(0.0, 0.0, 2.0);
+        // the same beam a little later: what it meets then, seen from the pose of the centroid
+        let later_s = 0.03;
+        let turned = nalgebra::Rotation3::new(rate * later_s);
+        let travelled = (velocity + rate.cross(&velocity) * (0.5 * later_s)) * later_s;
+        let feature = travelled + turned * (centroid + Vector3::new(0.0, 0.0, 0.2));
+        let beam = Beam { scanner: 0, body_vector_m: feature, velocity_body_mps: velocity, rate_body_radps: rate };
+        let found = passing_s(&beam, &centroid, &axis, &lever_arm_m);
+        assert!((found - later_s).abs() < 0.02 * later_s, "{found}");
+        let at_rest = Beam { velocity_body_mps: Vector3::zeros(), rate_body_radps: Vector3::zeros(), ..beam };
+        assert!(passing_s(&at_rest, &centroid, &axis, &lever_arm_m).abs() < 1e-12);
+        // no profile scanner about this axis
+        assert!(passing_s(&beam, &centroid, &Vector3::z(), &lever_arm_m).abs() < 1e-12);
+    }
 }

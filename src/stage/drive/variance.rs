@@ -48,7 +48,7 @@ impl Factors {
     pub fn after(&self, fits: &[TieFit], lines: &[DriveLine], chosen: &Chosen) -> Self {
         let mut sums = [(0.0, 0.0); KINDS.len()];
         for fit in fits {
-            let (squared, redundancy) = &mut sums[kind(&lines[chosen.of[fit.tie].0])];
+            let (squared, redundancy) = &mut sums[kind(&lines[chosen.of[fit.tie][0].0])];
             *squared += fit.squared;
             *redundancy += fit.redundancy;
         }

@@ -48,11 +48,14 @@ fn tidy(value: f64) -> f64 {
 type Proof = fn() -> anyhow::Result<Vec<Row>>;
 
 /// Runs the proofs on drives.
-pub(crate) fn mobile(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 4] = [
+pub(crate) fn mobile(only: Option<&str>, seeds: Option<u64>) -> anyhow::Result<()> {
+    mobile::set_seeds(seeds);
+    let proofs: [(&str, Proof); 6] = [
         ("1 an independent simulator", mobile::block),
         ("2 loop through an outage", mobile::loop_closure),
         ("3 two scanners through an outage", mobile::odometer_of_two_scanners),
+        ("4 calibration", mobile::calibration),
+        ("6 false ties", mobile::false_ties),
         ("8 a real vehicle with three scanners", vehicle::scanners),
     ];
     run(&proofs, only)
@@ -109,7 +112,7 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
 fn run(proofs: &[(&str, Proof)], only: Option<&str>) -> anyhow::Result<()> {
     let mut failed = 0;
     for (name, proof) in proofs {
-        if only.is_some_and(|o| !name.starts_with(o)) {
+        if only.is_some_and(|o| !o.split(',').any(|begin| name.starts_with(begin))) {
             continue;
         }
         println!("== {name}");

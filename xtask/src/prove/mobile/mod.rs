@@ -1,15 +1,18 @@
 //! Drives through the program: an independent simulator's, and our own scenarios over seeds.
 
 mod block;
+mod calibration;
+mod falsify;
 mod loops;
 mod tunnel;
 
 pub(crate) use block::block;
-pub(crate) use loops::loop_closure;
+pub(crate) use loops::{calibration, false_ties, loop_closure};
 pub(crate) use tunnel::odometer_of_two_scanners;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
 use anyhow::{Context, Result, ensure};
 use nalgebra::Vector3;
@@ -19,7 +22,17 @@ use tieline_io::trajectory::{ReadOptions, read};
 
 use super::real::{program, root};
 
-const SEEDS: u64 = 10;
+/// Seeds of the scenarios, as asked.
+static SEEDS: OnceLock<u64> = OnceLock::new();
+
+/// Sets the number of seeds; ten otherwise.
+pub(crate) fn set_seeds(seeds: Option<u64>) {
+    let _ = SEEDS.set(seeds.unwrap_or(10));
+}
+
+fn seeds() -> u64 {
+    *SEEDS.get_or_init(|| 10)
+}
 
 /// Runs the program and shows what it says when it fails.
 fn tieline(arguments: &[&str]) -> Result<()> {
@@ -82,29 +95,47 @@ struct Errors {
     inside: f64,
 }
 
-fn errors(data: &Path, solution: &Path) -> Result<Errors> {
-    let load = |path: &Path, accuracy: Option<PathBuf>| -> Result<Trajectory> {
-        Ok(read(path, &ReadOptions { format: None, columns: None, accuracy })?.trajectory)
-    };
-    let truth = load(&data.join("truth/truth.sbet"), None)?;
-    let new = load(&solution.join("trajectory.sbet"), Some(solution.join("trajectory_rms.out")))?;
-    let outages: Vec<(f64, f64)> = std::fs::read_to_string(data.join("truth/outages.csv"))?
+fn load(path: &Path, accuracy: Option<PathBuf>) -> Result<Trajectory> {
+    Ok(read(path, &ReadOptions { format: None, columns: None, accuracy })?.trajectory)
+}
+
+fn solved(folder: &Path) -> Result<Trajectory> {
+    load(&folder.join("trajectory.sbet"), Some(folder.join("trajectory_rms.out")))
+}
+
+/// The first two columns of a table below a header, from a column on.
+fn windows(path: &Path, from: usize) -> Result<Vec<(f64, f64)>> {
+    Ok(std::fs::read_to_string(path)?
         .lines()
         .skip(1)
         .filter_map(|l| {
-            let mut fields = l.split(',').map(|f| f.parse::<f64>().ok());
+            let mut fields = l.split(',').skip(from).map(|f| f.parse::<f64>().ok());
             Some((fields.next()??, fields.next()??))
         })
-        .collect();
+        .collect())
+}
+
+/// Of a solution in its folder, in the outages.
+fn errors(data: &Path, solution: &Path) -> Result<Errors> {
+    errors_within(data, &solved(solution)?, &windows(&data.join("truth/outages.csv"), 0)?)
+}
+
+/// North, east, down of one position from another \[m\].
+fn apart_ned_m(p: &Vector3<f64>, from: &Vector3<f64>) -> Vector3<f64> {
+    let d = p - from;
+    Vector3::new(d.x * 6_371_000.0, d.y * 6_371_000.0 * from.x.cos(), -d.z)
+}
+
+/// Of a trajectory within stretches of time.
+fn errors_within(data: &Path, new: &Trajectory, within: &[(f64, f64)]) -> Result<Errors> {
+    let truth = load(&data.join("truth/truth.sbet"), None)?;
     let (mut largest, mut plan, mut inside, mut all) = ([0.0_f64; 3], 0.0_f64, 0_u32, 0_u32);
     for (i, time_s) in new.time_s().iter().enumerate().step_by(20) {
-        if !outages.iter().any(|(a, b)| time_s > a && time_s <= b) {
+        if !within.iter().any(|(a, b)| time_s > a && time_s <= b) {
             continue;
         }
         let Some(true_pose) = truth.pose_at(*time_s) else { continue };
-        let (p, q) = (new.position()[i], true_pose.position);
-        let d = p - q;
-        let error = Vector3::new(d.x * 6_371_000.0, d.y * 6_371_000.0 * q.x.cos(), -d.z);
+        let error = apart_ned_m(&new.position()[i], &true_pose.position);
         plan = plan.max(error.x.hypot(error.y));
         let sigma = new.sigma_at(*time_s).context("sigma")?.position_ned_m;
         for k in 0..3 {
@@ -113,11 +144,23 @@ fn errors(data: &Path, solution: &Path) -> Result<Errors> {
             all += 1;
         }
     }
-    Ok(Errors {
-        largest_ned_m: largest,
-        largest_plan_m: plan,
-        inside: 100.0 * f64::from(inside) / f64::from(all.max(1)),
-    })
+    ensure!(all > 0, "no epoch within {within:?}");
+    Ok(Errors { largest_ned_m: largest, largest_plan_m: plan, inside: 100.0 * f64::from(inside) / f64::from(all) })
+}
+
+/// How far a solution moved from the trajectory handed out within a stretch of time, over the sigma of the latter: the largest of 95 % of epochs
+/// and components.
+fn moved_over_sigma(data: &Path, solution: &Path, (from_s, to_s): (f64, f64)) -> Result<f64> {
+    let (old, new) = (solved(data)?, solved(solution)?);
+    let mut ratios = Vec::new();
+    for (i, time_s) in new.time_s().iter().enumerate().step_by(20) {
+        let (Some(before), true) = (old.pose_at(*time_s), *time_s > from_s && *time_s <= to_s) else { continue };
+        let moved = apart_ned_m(&new.position()[i], &before.position);
+        let sigma = old.sigma_at(*time_s).context("sigma")?.position_ned_m;
+        ratios.extend((0..3).map(|k| moved[k].abs() / sigma[k]));
+    }
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() * 95 / 100).copied().context("epochs")
 }
 
 fn median(values: &mut [f64]) -> f64 {

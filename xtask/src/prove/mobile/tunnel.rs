@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use super::super::Row;
-use super::{Errors, SEEDS, errors, median, simulate, text, tieline};
+use super::{Errors, errors, median, seeds, simulate, text, tieline};
 
 /// The whole; the range bias alone left in the cloud, all else as found with it removed; no façades, curb faces and walls.
 const ARMS: [(&str, &str); 3] = [
@@ -20,7 +20,7 @@ const ARMS: [(&str, &str); 3] = [
 /// Line 3: two scanners through an outage without a loop, with and without the range bias, with and without steep surfaces.
 pub(crate) fn odometer_of_two_scanners() -> Result<Vec<Row>> {
     let (mut height, mut plan) = ([const { Vec::new() }; 4], [const { Vec::new() }; 4]);
-    for seed in 1..=SEEDS {
+    for seed in 1..=seeds() {
         let folder = tempfile::tempdir()?;
         let project = simulate("tunnel175", seed, folder.path(), |t| t)?;
         let data = folder.path().join("data");

@@ -10,6 +10,7 @@ use tieline_graph::Model;
 use tieline_io::las::Columns;
 use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
 
+use crate::cpu;
 use crate::progress::Progress;
 use crate::project::{ControlKind, Project};
 use crate::report::data::{FileSummary, Timing};
@@ -46,10 +47,20 @@ pub struct Clock {
 impl Clock {
     /// Runs a stage and notes its time.
     pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
-        let start = Instant::now();
+        let (start, cpu_s) = (Instant::now(), cpu::seconds());
         let result = work();
         *self.timing.stage.entry(stage.to_string()).or_default() += start.elapsed().as_secs_f64();
+        let used_s = cpu::seconds() - cpu_s;
+        if cpu_s > 0.0 || used_s > 0.0 {
+            *self.timing.cpu.entry(stage.to_string()).or_default() += used_s;
+        }
         result
+    }
+
+    /// Notes that a stage went over so many points of a survey of `all`.
+    #[allow(clippy::cast_precision_loss)]
+    pub fn passed(&mut self, stage: &str, points: u64, all: u64) {
+        *self.timing.passes.entry(stage.to_string()).or_default() += points as f64 / all.max(1) as f64;
     }
 
     /// The seconds of each stage, and points per second over all.
@@ -88,12 +99,15 @@ pub struct Matched {
 /// Whatever makes the survey unusable; when no two strips overlap.
 pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) -> Result<Matched> {
     let survey = clock.time("open", || Survey::open(project))?;
-    let settings = clock.time("open", || {
+    let (settings, sampled) = clock.time("open", || {
         let sample = Sample::read(&survey)?;
-        Settings::derive(project, &survey, &sample, options.memory_bytes, rayon::current_num_threads())
+        let settings = Settings::derive(project, &survey, &sample, options.memory_bytes, rayon::current_num_threads())?;
+        anyhow::Ok((settings, sample.chunks.iter().map(|c| c.1.len() as u64).sum()))
     })?;
     let scanned = clock.time("scan", || scan(&survey, &settings, &options.progress))?;
     let points = scanned.counts.read;
+    clock.passed("open", sampled, survey.points());
+    clock.passed("scan", points, survey.points());
     if scanned.counts.without_time > 0 {
         return Err(first_without_time(&survey, scanned.counts.without_time));
     }
@@ -236,10 +250,12 @@ pub fn correct_strips(
     progress: Progress,
     clock: &mut Clock,
 ) -> Result<Vec<FileSummary>> {
-    clock.time("correct", || {
+    let files = clock.time("correct", || {
         let corrections = Corrections::new(setup, model, &matched.strips, &matched.poses, matched.rule, inverse)?;
         write_corrected(project, matched, &corrections, folder, progress)
-    })
+    })?;
+    clock.passed("correct", files.iter().map(|f| f.points).sum(), matched.survey.points());
+    Ok(files)
 }
 
 /// Writes the corrected strips of a drive into a folder.
@@ -254,9 +270,11 @@ pub fn correct_drive(
     progress: Progress,
     clock: &mut Clock,
 ) -> Result<Vec<FileSummary>> {
-    clock.time("correct", || {
+    let files = clock.time("correct", || {
         write_corrected(project, matched, &Corrections::of_drive(drive, matched)?, folder, progress)
-    })
+    })?;
+    clock.passed("correct", files.iter().map(|f| f.points).sum(), matched.survey.points());
+    Ok(files)
 }
 
 fn write_corrected(

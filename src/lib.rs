@@ -5,6 +5,7 @@
 
 pub mod cli;
 pub mod command;
+pub mod cpu;
 pub mod job;
 pub mod memory;
 pub mod navigation;

@@ -90,7 +90,8 @@ fn the_ties_of_a_run_lead_solve_to_the_same_trajectory() {
     let ran = bench.path("out/trajectory.sbet");
     let (over_sigma, outage_m) = difference(&ran, &bench.path("with/trajectory.sbet"));
     let (far_over_sigma, far_m) = difference(&ran, &bench.path("without/trajectory.sbet"));
-    assert!(over_sigma < 0.01 && outage_m < 0.000_1, "{over_sigma} sigma, {outage_m} m");
+    // each of both stops where a run changes nothing by a tenth of a sigma
+    assert!(over_sigma < 0.05 && outage_m < 0.000_1, "{over_sigma} sigma, {outage_m} m");
     assert!(far_over_sigma > 2.0 && far_m > 0.03, "{far_over_sigma} sigma, {far_m} m");
     // what the run used is used, and what it did not is not
     let written = ties(&bench.path("out/ties.txt"));

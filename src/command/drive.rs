@@ -39,11 +39,11 @@ pub fn run(
     let matched = match_strips(project, options, &mut clock)?;
     let bar = options.progress.spinner("estimating trajectory and calibration");
     let memory_bytes = args.memory.max(16) << 20;
-    let solved = clock.time("solve", || drive::solve(project, &matched, &measurements, &known, memory_bytes))?;
+    let solved = drive::solve(project, &matched, &measurements, &known, memory_bytes, &mut clock)?;
     bar.finish_and_clear();
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("the output folder {} cannot be created", options.out.display()))?;
-    let residuals = residuals(&solved, &matched);
+    let residuals = clock.time("write", || residuals(&solved, &matched));
     let written = clock.time("write", || -> Result<_> {
         write_drive(project, &matched, &solved, &residuals, &options.out, args.csv)?;
         let (crs, path) = (matched.survey.crs.as_ref(), options.out.join("ties.txt"));

@@ -212,6 +212,12 @@ pub struct FileSummary {
 pub struct Timing {
     /// Seconds of each stage.
     pub stage: BTreeMap<String, f64>,
+    /// CPU seconds of each stage, all threads together; empty where the system does not tell.
+    #[serde(default)]
+    pub cpu: BTreeMap<String, f64>,
+    /// How often each stage went over the points of the strips.
+    #[serde(default)]
+    pub passes: BTreeMap<String, f64>,
     /// Points per second of the whole job.
     #[serde(deserialize_with = "super::nullable::number")]
     pub points_per_second: f64,

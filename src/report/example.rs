@@ -154,6 +154,7 @@ fn summary(strips: Vec<StripSummary>, couples: &[(usize, usize)], points: &[TieP
                 .map(|(s, t)| (String::from(s), t))
                 .into(),
             points_per_second: 512_000.0,
+            ..Timing::default()
         },
         peak_memory_bytes: 611 << 20,
     }

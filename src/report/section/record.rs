@@ -9,7 +9,8 @@ the project file under the key shown.";
 const FILE_LEAD: &str = "Points keep their order and all their attributes; only coordinates change. What else differs from the \
 input is listed.";
 /// Stages in the order of the job; others come after.
-const STAGES: [&str; 8] = ["scan", "match", "ties", "calibrate", "solve", "adjust", "correct", "report"];
+const STAGES: [&str; 11] =
+    ["scan", "match", "ties", "choose", "smoother", "calibrate", "solve", "adjust", "correct", "write", "report"];
 
 /// Remarks of the stages.
 pub(crate) fn remarks(summary: &Summary) -> String {

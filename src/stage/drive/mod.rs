@@ -18,7 +18,7 @@ use anyhow::{Context, Result, bail};
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{Inputs, Pose, Solution, SurveyClock, Trajectory};
 
-use crate::job::Matched;
+use crate::job::{Clock, Matched};
 use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
 use choose::{Chosen, choose};
@@ -89,6 +89,7 @@ pub fn solve(
     measurements: &Measurements,
     known: &[Known],
     memory_bytes: u64,
+    clock: &mut Clock,
 ) -> Result<DriveSolution> {
     let crs =
         matched.survey.crs.as_ref().context("the reference system of the strips is not known: set project.crs")?;
@@ -97,7 +98,7 @@ pub fn solve(
     check::parts(project, matched, measurements, shift_s)?;
     let scanners = matched.strips.scanner_numbers().len();
     let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
-    let seen = lines(matched, crs, &none, shift_s)?;
+    let seen = clock.time("choose", || lines(matched, crs, &none, shift_s))?;
     if seen.is_empty() {
         bail!("no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive");
     }
@@ -114,12 +115,15 @@ pub fn solve(
         let constants = Constants::new(project, known, &ranges_m, |scanner, term| {
             verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
         });
-        let mut lines = lines(matched, crs, &constants, shift_s)?;
-        factors.apply(&mut lines);
-        let chosen = choose(&lines, MOST_LIVE, delivered, shift_s);
+        let (lines, chosen) = clock.time("choose", || {
+            let mut lines = lines(matched, crs, &constants, shift_s)?;
+            factors.apply(&mut lines);
+            let chosen = choose(&lines, MOST_LIVE, delivered, shift_s);
+            anyhow::Ok((lines, chosen))
+        })?;
         options.calibration_covariance = constants.covariance();
         let inputs = Inputs { ties: chosen.ties.clone(), ..measurements.inputs.clone() };
-        let solution = smooth(project, &inputs, &options)?;
+        let solution = clock.time("smoother", || smooth(project, &inputs, &options))?;
         let found = factors.after(&solution.tie_fits, &lines, &chosen);
         if rounds < MOST_ROUNDS && !found.is_near(&factors) {
             rounds += 1;

@@ -112,22 +112,21 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
         let used: Vec<(usize, &Patch)> = matched.ties.lines[*row].used().collect();
         let patches: Vec<&Patch> = used.iter().map(|(_, p)| *p).collect();
         let Some(measured) = measure(&patches, matched.sigma_floor_m) else { continue };
-        let mut ends = Vec::new();
-        let mut first_pose: Option<Pose> = None;
-        let mut order: Vec<usize> = (0..used.len()).collect();
-        order.sort_by(|a, b| used[*a].1.time_s.total_cmp(&used[*b].1.time_s));
-        for k in order {
-            let (number, patch) = used[k];
+        let seen = used.iter().enumerate().filter_map(|(k, (number, patch))| {
             let feature_m = measured.point_m + measured.normal * measured.offsets[k].0 + origin_m;
-            let centroid_m = patch.centroid_m + origin_m;
-            let Some((pose, delivered)) = beam_of(trajectory, constants, patch, &centroid_m, &feature_m) else {
-                continue;
-            };
+            let (pose, beam) = beam_of(trajectory, constants, patch, &(patch.centroid_m + origin_m), &feature_m)?;
+            Some((*number, *patch, measured.offsets[k].1, pose, beam))
+        });
+        let mut seen: Vec<_> = seen.collect();
+        seen.sort_by(|a, b| a.3.time_s.total_cmp(&b.3.time_s));
+        let Some(pose) = seen.first().map(|s| s.3.clone()).filter(|_| seen.len() >= 2) else { continue };
+        let mut ends: Vec<End> = Vec::new();
+        for (number, patch, sigma_m, pose, delivered) in seen {
             let time_s = pose.time_s;
             let beam = constants.known_applied(&delivered);
-            let previous: Option<&End> = ends.last();
-            let visit =
-                previous.map_or(0, |e| e.visit + usize::from(time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
+            let visit = ends
+                .last()
+                .map_or(0, |e| e.visit + usize::from(time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
             ends.push(End {
                 number,
                 strip: patch.sighting.strip,
@@ -139,13 +138,11 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
                 sighting: Sighting {
                     time_s: time_s + clock_shift_s,
                     body_vector_m: beam.body_vector_m,
-                    covariance_m2: Matrix3::from_diagonal_element(measured.offsets[k].1.powi(2)),
+                    covariance_m2: Matrix3::from_diagonal_element(sigma_m.powi(2)),
                     by_constant: constants.derivatives(&beam),
                 },
             });
-            first_pose.get_or_insert(pose);
         }
-        let Some(pose) = first_pose.filter(|_| ends.len() >= 2) else { continue };
         let geodetic = crs.geodetic_from_map(&pose.position)?;
         let normal_ned = pose.ned_vector_m(&(pose.position + measured.normal)).normalize();
         lines.push(DriveLine {

@@ -4,10 +4,12 @@ mod block;
 mod calibration;
 mod falsify;
 mod loops;
+mod time;
 mod tunnel;
 
 pub(crate) use block::block;
 pub(crate) use loops::{calibration, false_ties, loop_closure};
+pub(crate) use time::time;
 pub(crate) use tunnel::odometer_of_two_scanners;
 
 use std::path::{Path, PathBuf};

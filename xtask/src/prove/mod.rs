@@ -50,11 +50,12 @@ type Proof = fn() -> anyhow::Result<Vec<Row>>;
 /// Runs the proofs on drives.
 pub(crate) fn mobile(only: Option<&str>, seeds: Option<u64>) -> anyhow::Result<()> {
     mobile::set_seeds(seeds);
-    let proofs: [(&str, Proof); 7] = [
+    let proofs: [(&str, Proof); 8] = [
         ("1 an independent simulator", mobile::block),
         ("2 loop through an outage", mobile::loop_closure),
         ("3 two scanners through an outage", mobile::odometer_of_two_scanners),
         ("4 calibration", mobile::calibration),
+        ("5 ablations", mobile::ablations),
         ("6 false ties", mobile::false_ties),
         ("7 time", mobile::time),
         ("8 a real vehicle with three scanners", vehicle::scanners),

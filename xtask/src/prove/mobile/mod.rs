@@ -1,5 +1,6 @@
 //! Drives through the program: an independent simulator's, and our own scenarios over seeds.
 
+mod ablation;
 mod block;
 mod calibration;
 mod falsify;
@@ -7,6 +8,7 @@ mod loops;
 mod time;
 mod tunnel;
 
+pub(crate) use ablation::ablations;
 pub(crate) use block::block;
 pub(crate) use loops::{calibration, false_ties, loop_closure};
 pub(crate) use time::time;

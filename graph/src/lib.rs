@@ -6,8 +6,7 @@
 //! | [`basis`] | corrections over time: constant, linear, cubic spline |
 //! | [`model`] | unknowns, their priors, their order |
 //! | [`observation`] | a surface line as the adjustment sees it |
-//! | [`normal`] | normal equations, sparse Cholesky, covariance |
-//! | [`adjust`] | robust weights, outlier test, variance components |
+//! | [`mod@adjust`] | robust weights, outlier test, variance components; solved as a [`Problem`] by Helmert blocking |
 //! | [`observability`] | what the geometry cannot separate |
 //!
 //! Graphs of any variables and factors, and their solution (pose graphs, geodetic nets, whole blocks of strips):
@@ -40,7 +39,6 @@ pub mod initialise;
 pub mod linear;
 pub mod model;
 pub mod nonlinear;
-pub mod normal;
 pub mod observability;
 pub mod observation;
 pub mod problem;

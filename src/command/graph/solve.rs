@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use tieline_graph::bowie::{self, BowieOptions, BowieStep};
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::factor::Convention;
 use tieline_graph::helmert::out_of_core::{self, Disk};
@@ -15,7 +14,8 @@ use tieline_graph::system::{Method, System};
 use tieline_graph::{Problem, Values, initialise};
 
 use super::robust::{self, Robust};
-use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSolveArgs};
+use super::sections::Sections;
+use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSections, GraphSolveArgs};
 use crate::memory::peak_bytes;
 use crate::net::pose_graph;
 
@@ -51,8 +51,8 @@ pub(super) struct Outcome {
     pub(super) covariance_s: f64,
     /// Groups of blocks taken over from a run that was killed.
     pub(super) resumed_blocks: usize,
-    /// Junctions and sections of the last step.
-    pub(super) bowie: Option<BowieStep>,
+    /// Junctions and sections.
+    pub(super) bowie: Option<Sections>,
     /// Numbers in the panels.
     pub(super) panel_numbers: usize,
     /// Multiplications of a factorisation.
@@ -64,6 +64,8 @@ pub(super) struct Outcome {
 pub(super) struct Setup {
     /// How the normal equations are solved.
     pub(super) method: GraphMethod,
+    /// What a section counts as.
+    pub(super) sections: GraphSections,
     /// Most nodes of a leaf.
     pub(super) leaf: usize,
     /// Memory for the factorisation \[MiB\].
@@ -80,6 +82,7 @@ impl Setup {
     pub(super) fn of(args: &GraphSolveArgs) -> Self {
         Self {
             method: args.method,
+            sections: args.sections,
             leaf: args.leaf,
             memory: args.memory,
             blocks: args.blocks.clone(),
@@ -88,7 +91,7 @@ impl Setup {
         }
     }
     /// Settings of the solver.
-    fn options(&self, kernel: Kernel) -> SolveOptions {
+    pub(super) fn options(&self, kernel: Kernel) -> SolveOptions {
         let method = match self.method {
             GraphMethod::Cholesky => Method::Cholesky,
             _ => Method::Helmert,
@@ -183,19 +186,13 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
     let wanted = initial;
     let initial = first_values(problem, initial, &options)?;
     if setup.method == GraphMethod::Bowie {
-        let options = BowieOptions::default();
-        let (solved, step) = bowie::solve(problem, &robust.kernel(), &options, setup.iterations)?;
-        let solve_s = begin.elapsed().as_secs_f64();
-        let (solve_cpu_s, total_cpu_s) = (cpu_s() - cpu, cpu_s());
-        return Ok(Outcome {
-            solved,
-            solve_s,
-            solve_cpu_s,
-            total_cpu_s,
-            initial,
-            bowie: Some(step),
-            ..Outcome::default()
-        });
+        let mut outcome = super::sections::adjust(problem, setup, robust.kernel())?;
+        outcome.solve_s = begin.elapsed().as_secs_f64();
+        outcome.solve_cpu_s = cpu_s() - cpu;
+        outcome.initial = initial;
+        super::sections::compare(problem, &options, &mut outcome)?;
+        outcome.total_cpu_s = cpu_s();
+        return Ok(outcome);
     }
     let (mut system, _temporary) = setup.system(problem, &options)?;
     let from_file = (initial == "chordal" && wanted == GraphInitial::Auto).then_some(from_file);
@@ -296,13 +293,8 @@ fn report(
             "total_cpu_s": outcome.total_cpu_s,
             "peak_memory_bytes": peak_bytes(),
         });
-        if let Some(step) = &outcome.bowie {
-            value["bowie"] = serde_json::json!({
-                "junctions": step.junctions,
-                "sections": step.sections,
-                "left_out": step.left_out,
-                "passes": step.misclosure.len(),
-            });
+        if let Some(sections) = &outcome.bowie {
+            value["bowie"] = serde_json::to_value(sections)?;
         }
         if let Some(covariances) = &outcome.covariances {
             value["covariance_s"] = outcome.covariance_s.into();
@@ -323,6 +315,9 @@ fn report(
             "{method}: chi2 {:.9} with {} degrees of freedom after {} iterations from {} values ({:.3} s)",
             solved.cost, solved.degrees_of_freedom, solved.iterations, outcome.initial, outcome.solve_s
         )?;
+        if let Some(sections) = &outcome.bowie {
+            writeln!(out, "{sections}")?;
+        }
     }
     Ok(())
 }

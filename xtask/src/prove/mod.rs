@@ -91,7 +91,7 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 10] = [
+    let proofs: [(&str, Proof); 11] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
         ("1 known nets", graph::nets),
@@ -102,6 +102,7 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
         ("6 false loops", graph::outliers),
         ("7 junctions and sections", graph::junctions),
         ("8 a block of strips", graph::strips),
+        ("9 mistakes a person makes", commands::graph_mistakes),
     ];
     run(&proofs, only)
 }

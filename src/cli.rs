@@ -276,7 +276,7 @@ pub struct GraphSolveArgs {
     /// Error of relations of poses
     #[arg(long, value_enum, default_value = "plain")]
     pub convention: GraphConvention,
-    /// Kernel of loop edges and ties: none, huber[:K], cauchy[:C], dcs[:PHI], switch[:PHI], gnc[:C]
+    /// Kernel of loop edges and ties: none, huber[:K], cauchy[:C], dcs[:PHI], switch[:PHI], gnc[:C]; or snooping[:LIMIT]
     #[arg(long, default_value = "none", value_name = "KERNEL")]
     pub robust: String,
     /// First values of poses

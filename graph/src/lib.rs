@@ -21,7 +21,7 @@
 //! | [`bowie`] | junctions and sections |
 //! | [`covariance`] | covariances, redundancies, reliability |
 //! | [`initialise`] | first values: chordal rotations, linear translations |
-//! | [`robust`] | kernels of ties |
+//! | [`robust`], [`snooping`] | kernels of ties; tests by redundancy |
 //! | [`rotation`] | Jacobians of rotations and rigid motions |
 //!
 //! This crate never sees a point cloud and never opens a file.
@@ -44,6 +44,7 @@ pub mod observation;
 pub mod problem;
 pub mod robust;
 pub mod rotation;
+pub mod snooping;
 pub mod system;
 pub mod variable;
 

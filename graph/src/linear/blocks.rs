@@ -261,7 +261,7 @@ impl Pattern {
     }
 
     /// Hands every number of the whole matrix over: row, column, value.
-    fn each(&self, numbers: &[f64], mut take: impl FnMut(usize, usize, f64)) {
+    pub(crate) fn each(&self, numbers: &[f64], mut take: impl FnMut(usize, usize, f64)) {
         let mut first = 0;
         let starts: Vec<usize> = (0..self.height.len())
             .map(|p| {

@@ -26,14 +26,17 @@ impl Row {
     pub(crate) fn between(name: impl Into<String>, value: f64, low: f64, high: f64, unit: &'static str) -> Self {
         Self { name: name.into(), value, low, high, unit }
     }
+    pub(crate) fn at_least(name: impl Into<String>, value: f64, low: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, low, high: f64::INFINITY, unit }
+    }
     fn passes(&self) -> bool {
         self.value >= self.low && self.value <= self.high
     }
     fn print(&self) {
-        let bound = if self.low.is_finite() {
-            format!("{} … {}", tidy(self.low), tidy(self.high))
-        } else {
-            format!("≤ {}", tidy(self.high))
+        let bound = match (self.low.is_finite(), self.high.is_finite()) {
+            (true, true) => format!("{} … {}", tidy(self.low), tidy(self.high)),
+            (true, false) => format!("≥ {}", tidy(self.low)),
+            _ => format!("≤ {}", tidy(self.high)),
         };
         let verdict = if self.passes() { "pass" } else { "FAIL" };
         println!("{:<64} {:>12.4} {:<6} bound {:<16} {verdict}", self.name, self.value, self.unit, bound);
@@ -91,7 +94,7 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 10] = [
+    let proofs: [(&str, Proof); 11] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
         ("1 known nets", graph::nets),
@@ -102,6 +105,7 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
         ("6 false loops", graph::outliers),
         ("7 junctions and sections", graph::junctions),
         ("8 a block of strips", graph::strips),
+        ("10 a survey vehicle", graph::vehicle),
     ];
     run(&proofs, only)
 }

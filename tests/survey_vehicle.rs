@@ -34,9 +34,6 @@ fn examined(with: impl Fn(VehicleModel) -> VehicleGraph, model: VehicleModel) ->
     let mut graph = with(model);
     graph.problem.values = solved.problem.values;
     let found = undetermined(&graph.problem, pinch(&graph)).unwrap();
-    for f in &found {
-        println!("{} ({:.1})", f.describe(&graph.problem), f.sigma);
-    }
     (found, graph)
 }
 

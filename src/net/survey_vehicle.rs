@@ -202,7 +202,6 @@ pub fn implicit_map(
 
 /// What would do at a pinch of each unknown, to tell what a drive leaves undetermined: 2 m and 0.1 rad of poses and
 /// landmarks, of gyro and mounting what their makers promise, which is what one knows without the drive.
-#[must_use]
 pub fn pinch(graph: &VehicleGraph) -> impl Fn(VariableId, usize) -> f64 {
     let (mount, kinds) = (graph.mount, graph.problem.values.clone());
     move |id, component| match kinds.kind(id) {

@@ -19,7 +19,7 @@ use tieline_simulate::survey_vehicle::{Route, VehicleTruth, simulate_vehicle};
 use super::super::Row;
 use super::{cpu_s, median};
 
-const SEEDS: u64 = 400;
+const SEEDS: u64 = 50;
 /// A pose across the second block, where the first lap is farthest from what is held.
 const FAR: usize = 180;
 /// Quantile of the normal distribution that leaves 0.1 % outside, on both sides.

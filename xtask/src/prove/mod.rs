@@ -113,7 +113,9 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
 fn run(proofs: &[(&str, Proof)], only: Option<&str>) -> anyhow::Result<()> {
     let mut failed = 0;
     for (name, proof) in proofs {
-        if only.is_some_and(|o| !name.starts_with(o)) {
+        // a number is a whole one: 1 is not 10
+        let number = name.split(' ').next();
+        if only.is_some_and(|o| !name.starts_with(o) || (o.parse::<u32>().is_ok() && number != Some(o))) {
             continue;
         }
         println!("== {name}");

@@ -94,7 +94,7 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 11] = [
+    let proofs: [(&str, Proof); 12] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
         ("1 known nets", graph::nets),
@@ -105,6 +105,7 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
         ("6 false loops", graph::outliers),
         ("7 junctions and sections", graph::junctions),
         ("8 a block of strips", graph::strips),
+        ("9 mistakes a person makes", commands::graph_mistakes),
         ("10 a survey vehicle", graph::vehicle),
     ];
     run(&proofs, only)

@@ -29,6 +29,7 @@ impl Pattern {
                 positions: 0..NO_NODE,
                 first_number: 0,
                 first_scalar: 0,
+                firsts: Vec::new(),
             };
             group.linearise(0..group.len(), values, kernel, &mut scatter);
         }
@@ -68,6 +69,7 @@ impl Pattern {
                         positions: a.0..b.0,
                         first_number: a.1,
                         first_scalar: a.2,
+                        firsts: Vec::new(),
                     };
                     for record in &recorded {
                         record.replay(&mut scatter);
@@ -101,14 +103,18 @@ struct Scatter<'a> {
     positions: Range<u32>,
     first_number: usize,
     first_scalar: usize,
+    /// First column of each variable of the factor in hand.
+    firsts: Vec<usize>,
 }
 
 impl Sink for Scatter<'_> {
     fn take(&mut self, variables: &[VariableId], residual: &[f64], jacobian: &[f64], columns: usize) {
         let pattern = self.pattern;
-        let mut firsts = [0_usize; crate::problem::MAX_VARIABLES + 1];
-        for (i, v) in variables.iter().enumerate() {
-            firsts[i + 1] = firsts[i] + usize::from(pattern.dimension[v.index()]);
+        let mut firsts = std::mem::take(&mut self.firsts);
+        firsts.clear();
+        firsts.push(0);
+        for v in variables {
+            firsts.push(firsts[firsts.len() - 1] + usize::from(pattern.dimension[v.index()]));
         }
         for (i, u) in variables.iter().enumerate() {
             let p = pattern.position[u.index()];
@@ -155,6 +161,7 @@ impl Sink for Scatter<'_> {
                 }
             }
         }
+        self.firsts = firsts;
     }
 }
 
@@ -185,7 +192,7 @@ impl Scatter<'_> {
 #[derive(Debug, Default)]
 struct Record {
     slot: usize,
-    shapes: Vec<(u16, u16, u16)>,
+    shapes: Vec<(u32, u32, u32)>,
     variables: Vec<VariableId>,
     numbers: Vec<f64>,
 }
@@ -193,7 +200,7 @@ struct Record {
 impl Sink for Record {
     #[allow(clippy::cast_possible_truncation)] // a factor is small
     fn take(&mut self, variables: &[VariableId], residual: &[f64], jacobian: &[f64], columns: usize) {
-        self.shapes.push((variables.len() as u16, residual.len() as u16, columns as u16));
+        self.shapes.push((variables.len() as u32, residual.len() as u32, columns as u32));
         self.variables.extend_from_slice(variables);
         self.numbers.extend_from_slice(residual);
         self.numbers.extend_from_slice(jacobian);
@@ -205,8 +212,8 @@ impl Record {
         scatter.slot = self.slot;
         let (mut variables, mut numbers) = (self.variables.as_slice(), self.numbers.as_slice());
         for (count, rows, columns) in &self.shapes {
-            let (rows, columns) = (usize::from(*rows), usize::from(*columns));
-            let (v, v_rest) = variables.split_at(usize::from(*count));
+            let (rows, columns) = (*rows as usize, *columns as usize);
+            let (v, v_rest) = variables.split_at(*count as usize);
             let (residual, rest) = numbers.split_at(rows);
             let (jacobian, n_rest) = rest.split_at(rows * columns);
             (variables, numbers) = (v_rest, n_rest);

@@ -1,6 +1,6 @@
 //! Covariances of all variables and redundancies of all observations, by the selected inverse down the tree.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::factor::Factor;
 use crate::helmert::inverse::{BlockInverse, visit_inverse, whole_inverse};
@@ -54,6 +54,13 @@ impl Covariances {
             n += 1;
         }
         DMatrix::from_column_slice(n, n, &self.numbers[start..end])
+    }
+    /// Normalised square of an error of a variable, `eᵀ P⁻¹ e` (NEES): in the mean its number of unknowns, if the
+    /// covariance is true. `None` when the variable is held.
+    #[must_use]
+    pub fn normalised_square(&self, id: VariableId, error: &[f64]) -> Option<f64> {
+        let error = DVector::from_column_slice(error);
+        self.of(id).cholesky().map(|c| error.dot(&c.solve(&error)))
     }
     /// Standard deviations of a variable.
     #[must_use]

@@ -18,6 +18,8 @@
 //! | [`helmert`] | Helmert blocking: partition, elimination in memory and on disk, selected inverse |
 //! | [`system`], [`nonlinear`] | from a problem to its solution |
 //! | [`free_net`] | small nets, datum defect, inner constraints |
+//! | [`undetermined`] | what the observations leave undetermined, named |
+//! | [`registration`] | relative pose of two submaps by common points |
 //! | [`bowie`] | junctions and sections |
 //! | [`covariance`] | covariances, redundancies, reliability |
 //! | [`initialise`] | first values: chordal rotations, linear translations |
@@ -42,10 +44,12 @@ pub mod nonlinear;
 pub mod observability;
 pub mod observation;
 pub mod problem;
+pub mod registration;
 pub mod robust;
 pub mod rotation;
 pub mod snooping;
 pub mod system;
+pub mod undetermined;
 pub mod variable;
 
 pub use adjust::{AdjustOptions, Adjustment, AdjustmentError, EndResult, adjust};

@@ -270,10 +270,13 @@ pub struct GraphSolveArgs {
     /// How the normal equations are solved
     #[arg(long, value_enum, default_value = "helmert")]
     pub method: GraphMethod,
+    /// What a section counts as between its junctions (bowie)
+    #[arg(long, value_enum, default_value = "schur")]
+    pub sections: GraphSections,
     /// Error of relations of poses
     #[arg(long, value_enum, default_value = "plain")]
     pub convention: GraphConvention,
-    /// Kernel of loop edges and ties: none, huber[:K], cauchy[:C], dcs[:PHI], switch[:PHI], gnc[:C]
+    /// Kernel of loop edges and ties: none, huber[:K], cauchy[:C], dcs[:PHI], switch[:PHI], gnc[:C]; or snooping[:LIMIT]
     #[arg(long, default_value = "none", value_name = "KERNEL")]
     pub robust: String,
     /// First values of poses
@@ -349,6 +352,15 @@ pub enum GraphMethod {
     Helmert,
     /// Bowie's junctions and sections
     Bowie,
+}
+
+/// What a section counts as between its junctions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphSections {
+    /// Its Schur complement: exact where no line is left out, iterated elsewhere
+    Schur,
+    /// Bowie's own: a weight by its length, every coordinate adjusted for itself
+    Length,
 }
 
 /// Error of relations of poses.

@@ -30,6 +30,8 @@ pub(crate) struct Plan<'a> {
     pub events: &'a [Event],
     pub delays: EventDelays,
     pub initial: &'a InitialState,
+    /// What the correlated error of each fix is counted in \[m\].
+    pub correlated_sigma_m: &'a [Vector3<f64>],
     /// Nominals of the nodes to linearise at, and what the first was before: a run before this one.
     pub reference: Option<&'a [Nominal]>,
     /// Weights of sightings, from a run before; without, their innovations are tested.
@@ -285,7 +287,8 @@ impl Run<'_> {
             EventKind::Tick => {}
             EventKind::Position(i) => {
                 let delay_s = self.plan.delays.position_s;
-                let m = gnss::position(&nominal, layout, &inputs.gnss[i], &options.gnss, &motion, delay_s);
+                let sigma_m = &self.plan.correlated_sigma_m[i];
+                let m = gnss::position(&nominal, layout, &inputs.gnss[i], &options.gnss, sigma_m, &motion, delay_s);
                 self.take(m, event, MeasurementKind::Position)?;
             }
             EventKind::Velocity(i) => {

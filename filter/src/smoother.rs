@@ -12,6 +12,7 @@ use crate::solution::{Solution, TieUse};
 use crate::state::Nominal;
 use crate::tape::Tape;
 use crate::tie_plan::{TiePlan, plan_ties};
+use crate::update::gnss::correlated_sigmas_m;
 
 /// Why a trajectory cannot be estimated.
 #[derive(Debug, thiserror::Error)]
@@ -77,6 +78,7 @@ impl Smoother {
     ) -> Result<Solution, SmootherError> {
         let layout = options.layout();
         let span_s = (initial.nav.time_s, inputs.imu.span_s().1);
+        let correlated_sigma_m = correlated_sigmas_m(&inputs.gnss, &options.gnss);
         let ties = plan_ties(&inputs.ties, options.ties.most_live, span_s);
         let mut delays =
             EventDelays { position_s: options.gnss.delay_s.0, velocity_s: options.gnss.velocity_delay_s.0 };
@@ -94,6 +96,7 @@ impl Smoother {
                 events: &events,
                 delays,
                 initial,
+                correlated_sigma_m: &correlated_sigma_m,
                 reference: reference.as_deref(),
                 trust: trust.as_ref(),
             };

@@ -7,6 +7,10 @@
 //! the whole net are adjusted on the skeleton again and again, as conjugate gradients do.
 //!
 //! Where nothing is left out (trees, chains, all loops kept) the first pass is the exact linear step.
+//!
+//! [`length`] is Bowie's own way, with weights by length and every coordinate for itself.
+
+pub mod length;
 
 use std::time::Instant;
 
@@ -16,6 +20,7 @@ use crate::nonlinear::SolveOptions;
 use crate::problem::Problem;
 use crate::robust::Kernel;
 use crate::system::{Order, System, SystemError};
+use crate::variable::VariableId;
 
 /// Settings of the method.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,33 +64,31 @@ pub fn skeleton(problem: &Problem, options: &BowieOptions) -> Vec<bool> {
     let graph = NodeGraph::new(problem);
     let mut parent: Vec<u32> = (0..=u32::try_from(graph.len()).unwrap_or(u32::MAX)).collect();
     let ground = u32::try_from(graph.len()).unwrap_or(u32::MAX); // all held variables
-    let nodes_of: Vec<Vec<u32>> = problem
-        .factors()
-        .map(|factor| {
-            let mut nodes: Vec<u32> = factor
-                .variables()
-                .iter()
-                .map(|v| graph.node_of[v.index()])
-                .map(|n| if n == NO_NODE { ground } else { n })
-                .collect();
-            nodes.sort_unstable();
-            nodes.dedup();
-            nodes
-        })
-        .collect();
+    let nodes_of: Vec<Vec<u32>> = problem.factors().map(|factor| ends(&graph, factor, ground)).collect();
+    let ties: Vec<bool> = problem.factors().map(crate::factor::Factor::is_tie).collect();
     let mut left_out = vec![false; nodes_of.len()];
     let mut closing = Vec::new();
-    // links of neighbours in the order of the graph first: odometry
-    for consecutive in [true, false] {
-        for (number, nodes) in nodes_of.iter().enumerate().filter(|(_, n)| n.len() == 2) {
-            if (nodes[1] - nodes[0] == 1) != consecutive {
+    // links of neighbours in the order of the graph first: odometry; then what ties more than two nodes
+    for round in 0..3 {
+        for (number, nodes) in nodes_of.iter().enumerate() {
+            let wanted = match nodes.len() {
+                2 => usize::from(nodes[1] - nodes[0] != 1),
+                0 | 1 => continue,
+                _ if ties[number] => 2,
+                _ => continue,
+            };
+            if wanted != round {
                 continue;
             }
-            let (a, b) = (root(&mut parent, nodes[0]), root(&mut parent, nodes[1]));
-            if a == b {
+            let first = root(&mut parent, nodes[0]);
+            let mut joins = false;
+            for node in &nodes[1..] {
+                let other = root(&mut parent, *node);
+                joins |= other != root(&mut parent, first);
+                parent[other as usize] = root(&mut parent, first);
+            }
+            if !joins {
                 closing.push(number);
-            } else {
-                parent[a as usize] = b;
             }
         }
     }
@@ -96,6 +99,17 @@ pub fn skeleton(problem: &Problem, options: &BowieOptions) -> Vec<bool> {
         left_out[*number] = kept == 0 || k % stride != 0;
     }
     left_out
+}
+
+/// The nodes that a factor ties, sorted; held variables are one node, `ground`, and what everything depends on is none.
+fn ends(graph: &NodeGraph, factor: &dyn crate::factor::Factor, ground: u32) -> Vec<u32> {
+    let node = |v: &VariableId| graph.node_of[v.index()];
+    let local = |n: &u32| *n == NO_NODE || !graph.global[*n as usize];
+    let mut nodes: Vec<u32> =
+        factor.variables().iter().map(node).filter(local).map(|n| if n == NO_NODE { ground } else { n }).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
 }
 
 fn root(parent: &mut [u32], mut node: u32) -> u32 {

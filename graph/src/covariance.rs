@@ -1,9 +1,9 @@
 //! Covariances of all variables and redundancies of all observations, by the selected inverse down the tree.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::factor::Factor;
-use crate::helmert::inverse::{BlockInverse, visit_inverse};
+use crate::helmert::inverse::{BlockInverse, visit_inverse, whole_inverse};
 use crate::linear::blocks::Normal;
 use crate::linear::nodes::NO_NODE;
 use crate::problem::Problem;
@@ -55,6 +55,13 @@ impl Covariances {
         }
         DMatrix::from_column_slice(n, n, &self.numbers[start..end])
     }
+    /// Normalised square of an error of a variable, `eᵀ P⁻¹ e` (NEES): in the mean its number of unknowns, if the
+    /// covariance is true. `None` when the variable is held.
+    #[must_use]
+    pub fn normalised_square(&self, id: VariableId, error: &[f64]) -> Option<f64> {
+        let error = DVector::from_column_slice(error);
+        self.of(id).cholesky().map(|c| error.dot(&c.solve(&error)))
+    }
     /// Standard deviations of a variable.
     #[must_use]
     pub fn sigmas(&self, id: VariableId) -> Vec<f64> {
@@ -96,13 +103,14 @@ pub fn selected(problem: &Problem, system: &System, checks: bool) -> Result<Cova
     let mut of_scalar: Vec<(u32, VariableId)> =
         problem.variables().filter(|v| !problem.is_fixed(*v)).map(|v| (system.pattern.scalar[v.index()], v)).collect();
     of_scalar.sort_unstable_by_key(|(s, _)| *s);
-    let factors = if checks { by_block(problem, system) } else { Vec::new() };
     let list: Vec<&dyn Factor> = if checks { problem.factors().collect() } else { Vec::new() };
     result.checks = vec![Check { residuals: vec![], redundancies: vec![], external: vec![] }; list.len()];
     let tree = &system.tree;
-    visit_inverse(
-        tree,
-        |block| system.panel(block),
+    let (numbers, starts, found) = (&mut result.numbers, &result.starts, &mut result.checks);
+    visit(
+        problem,
+        system,
+        checks,
         |index, inverse| {
             let block = &tree.blocks[index];
             let first = tree.scalar_start[block.first as usize];
@@ -111,19 +119,15 @@ pub fn selected(problem: &Problem, system: &System, checks: bool) -> Result<Cova
             for (scalar, id) in of_scalar[from..].iter().take_while(|(s, _)| *s < end) {
                 let n = problem.values.kind(*id).dimension();
                 let local = (scalar - first) as usize;
-                let target = &mut result.numbers[result.starts[id.index()]..result.starts[id.index()] + n * n];
+                let target = &mut numbers[starts[id.index()]..starts[id.index()] + n * n];
                 for c in 0..n {
                     for r in 0..n {
                         target[c * n + r] = inverse.at(local + r, local + c);
                     }
                 }
             }
-            let from = factors.partition_point(|(b, _)| *b < index);
-            let offsets = if checks { tree.boundary_offsets(index) } else { Vec::new() };
-            for (_, factor) in factors[from..].iter().take_while(|(b, _)| *b == index) {
-                result.checks[*factor] = check(problem, system, index, &offsets, inverse, list[*factor]);
-            }
         },
+        |number, joint| found[number] = check(problem, joint, list[number]),
     )?;
     for (number, factor) in list.iter().enumerate() {
         if result.checks[number].residuals.is_empty() {
@@ -135,6 +139,93 @@ pub fn selected(problem: &Problem, system: &System, checks: bool) -> Result<Cova
         }
     }
     Ok(result)
+}
+
+/// The covariance of all free variables of a problem, with the factorisation that the system has: row and column of a
+/// variable's tangent start at `system.pattern.scalar[variable]`. For a few thousand unknowns.
+///
+/// # Errors
+/// [`SystemError`].
+pub fn whole(system: &System) -> Result<DMatrix<f64>, SystemError> {
+    let z = whole_inverse(&system.tree, |block| system.panel(block))?;
+    Ok(DMatrix::from_fn(z.nrows(), z.ncols(), |r, c| z[(r, c)]))
+}
+
+/// Covariance of the variables of one factor, their tangents side by side; held ones have none.
+#[derive(Debug)]
+pub struct Joint<'a> {
+    inverse: &'a BlockInverse,
+    local: Vec<Option<usize>>,
+}
+
+impl Joint<'_> {
+    /// Columns.
+    #[must_use]
+    pub fn columns(&self) -> usize {
+        self.local.len()
+    }
+    /// Covariance of two columns.
+    #[must_use]
+    #[inline]
+    pub fn at(&self, a: usize, b: usize) -> f64 {
+        match (self.local[a], self.local[b]) {
+            (Some(a), Some(b)) => self.inverse.at(a, b),
+            _ => 0.0,
+        }
+    }
+    /// Product with a vector.
+    #[must_use]
+    pub fn times(&self, vector: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; self.local.len()];
+        for (b, v) in vector.iter().enumerate() {
+            let Some(lb) = self.local[b].filter(|_| *v != 0.0) else { continue };
+            for (p, la) in product.iter_mut().zip(&self.local) {
+                if let Some(la) = la {
+                    *p += v * self.inverse.at(*la, lb);
+                }
+            }
+        }
+        product
+    }
+}
+
+/// Hands the joint covariance of every factor with a free variable to `visit_factor`, by the factor's number, with the
+/// factorisation that the system has; in the order of the blocks.
+///
+/// # Errors
+/// [`SystemError`].
+pub fn visit_factors(
+    problem: &Problem,
+    system: &System,
+    visit_factor: impl FnMut(usize, &Joint<'_>),
+) -> Result<(), SystemError> {
+    visit(problem, system, true, |_, _| {}, visit_factor)
+}
+
+fn visit(
+    problem: &Problem,
+    system: &System,
+    with_factors: bool,
+    mut visit_block: impl FnMut(usize, &BlockInverse),
+    mut visit_factor: impl FnMut(usize, &Joint<'_>),
+) -> Result<(), SystemError> {
+    let tree = &system.tree;
+    let factors = if with_factors { by_block(problem, system) } else { Vec::new() };
+    let list: Vec<&dyn Factor> = if with_factors { problem.factors().collect() } else { Vec::new() };
+    visit_inverse(
+        tree,
+        |block| system.panel(block),
+        |index, inverse| {
+            visit_block(index, inverse);
+            let from = factors.partition_point(|(b, _)| *b < index);
+            let offsets = if with_factors { tree.boundary_offsets(index) } else { Vec::new() };
+            for (_, factor) in factors[from..].iter().take_while(|(b, _)| *b == index) {
+                let local = local_columns(problem, system, index, &offsets, list[*factor]);
+                visit_factor(*factor, &Joint { inverse, local });
+            }
+        },
+    )?;
+    Ok(())
 }
 
 /// Block of the first-eliminated variable of every factor with a free one, sorted by block.
@@ -151,20 +242,18 @@ fn by_block(problem: &Problem, system: &System) -> Vec<(usize, usize)> {
     list
 }
 
-fn check(
+/// Place of every column of a factor in a block's front; nothing for held variables.
+fn local_columns(
     problem: &Problem,
     system: &System,
     index: usize,
     offsets: &[u32],
-    inverse: &BlockInverse,
     factor: &dyn Factor,
-) -> Check {
+) -> Vec<Option<usize>> {
     let tree = &system.tree;
     let block = &tree.blocks[index];
     let first = tree.scalar_start[block.first as usize];
-    let rows = factor.rows();
-    // local scalar of every column, nothing for held variables
-    let mut local: Vec<Option<usize>> = Vec::new();
+    let mut local = Vec::new();
     for id in factor.variables() {
         let n = problem.values.kind(*id).dimension();
         let position = system.pattern.position(*id);
@@ -179,24 +268,24 @@ fn check(
         });
         local.extend((0..n).map(|k| start.map(|s| s + k)));
     }
-    let columns = local.len();
+    local
+}
+
+fn check(problem: &Problem, joint: &Joint<'_>, factor: &dyn Factor) -> Check {
+    let (rows, columns) = (factor.rows(), joint.columns());
     let (mut residuals, mut jacobian) = (vec![0.0; rows], vec![0.0; rows * columns]);
     factor.evaluate(&problem.values, &mut residuals, Some(&mut jacobian));
     let mut redundancies = Vec::with_capacity(rows);
     let mut external = Vec::with_capacity(rows);
     for row in jacobian.chunks_exact(columns.max(1)) {
-        let mut moved = vec![0.0; columns];
-        for (a, la) in local.iter().enumerate() {
-            let Some(la) = la else { continue };
-            moved[a] = local.iter().zip(row).filter_map(|(lb, v)| lb.map(|lb| v * inverse.at(*la, lb))).sum();
-        }
+        let moved = joint.times(row);
         let computed: f64 = moved.iter().zip(row).map(|(m, v)| m * v).sum();
         let redundancy = 1.0 - computed;
         redundancies.push(redundancy);
         // an undetected error of 4.13 / √r sigmas moves the unknowns by that times Σ aᵀ
-        let largest = local.iter().zip(&moved).filter_map(|(l, m)| l.map(|l| m.abs() / inverse.at(l, l).sqrt()));
-        let size = NON_CENTRALITY / redundancy.max(1e-12).sqrt();
-        external.push(size * largest.fold(0.0, f64::max));
+        let free = (0..columns).filter(|c| joint.local[*c].is_some());
+        let largest = free.map(|c| moved[c].abs() / joint.at(c, c).sqrt()).fold(0.0, f64::max);
+        external.push(NON_CENTRALITY / redundancy.max(1e-12).sqrt() * largest);
     }
     Check { residuals, redundancies, external }
 }

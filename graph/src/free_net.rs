@@ -133,23 +133,23 @@ pub fn solve(problem: &mut Problem, datum: &[(VariableId, usize)]) -> Result<Fre
     Err(FreeNetError::NotConverged { iterations: 50 })
 }
 
-/// Normal equations scaled to a unit diagonal, right-hand side, and the scale.
-fn scaled(problem: &Problem, system: &System) -> (DMatrix<f64>, DVector<f64>, Vec<f64>) {
+/// Normal equations as a dense matrix, in the order of elimination, and their right-hand side.
+pub(crate) fn dense_normal(problem: &Problem, system: &System) -> (DMatrix<f64>, Vec<f64>) {
     let n = system.scalars();
     let mut normal = Normal::default();
     system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
-    let scale: Vec<f64> =
-        system.pattern.diagonal(&normal.numbers).iter().map(|d| if *d > 0.0 { 1.0 / d.sqrt() } else { 1.0 }).collect();
     let mut matrix = DMatrix::zeros(n, n);
-    let mut unit = vec![0.0; n];
-    for c in 0..n {
-        unit[c] = scale[c];
-        for (r, value) in system.pattern.multiply(&normal.numbers, &unit).iter().enumerate() {
-            matrix[(r, c)] = value * scale[r];
-        }
-        unit[c] = 0.0;
-    }
-    let right = DVector::from_fn(n, |r, _| normal.right[r] * scale[r]);
+    system.pattern.each(&normal.numbers, |row, column, value| matrix[(row, column)] = value);
+    (matrix, normal.right)
+}
+
+/// Normal equations scaled to a unit diagonal, right-hand side, and the scale.
+fn scaled(problem: &Problem, system: &System) -> (DMatrix<f64>, DVector<f64>, Vec<f64>) {
+    let (matrix, right) = dense_normal(problem, system);
+    let scale: Vec<f64> = matrix.diagonal().iter().map(|d| if *d > 0.0 { 1.0 / d.sqrt() } else { 1.0 }).collect();
+    let n = scale.len();
+    let matrix = DMatrix::from_fn(n, n, |r, c| matrix[(r, c)] * scale[c] * scale[r]);
+    let right = DVector::from_fn(n, |r, _| right[r] * scale[r]);
     (matrix, right, scale)
 }
 

@@ -6,8 +6,7 @@
 //! | [`basis`] | corrections over time: constant, linear, cubic spline |
 //! | [`model`] | unknowns, their priors, their order |
 //! | [`observation`] | a surface line as the adjustment sees it |
-//! | [`normal`] | normal equations, sparse Cholesky, covariance |
-//! | [`adjust`] | robust weights, outlier test, variance components |
+//! | [`mod@adjust`] | robust weights, outlier test, variance components; solved as a [`Problem`] by Helmert blocking |
 //! | [`observability`] | what the geometry cannot separate |
 //!
 //! Graphs of any variables and factors, and their solution (pose graphs, geodetic nets, whole blocks of strips):
@@ -19,10 +18,12 @@
 //! | [`helmert`] | Helmert blocking: partition, elimination in memory and on disk, selected inverse |
 //! | [`system`], [`nonlinear`] | from a problem to its solution |
 //! | [`free_net`] | small nets, datum defect, inner constraints |
+//! | [`undetermined`] | what the observations leave undetermined, named |
+//! | [`registration`] | relative pose of two submaps by common points |
 //! | [`bowie`] | junctions and sections |
 //! | [`covariance`] | covariances, redundancies, reliability |
 //! | [`initialise`] | first values: chordal rotations, linear translations |
-//! | [`robust`] | kernels of ties |
+//! | [`robust`], [`snooping`] | kernels of ties; tests by redundancy |
 //! | [`rotation`] | Jacobians of rotations and rigid motions |
 //!
 //! This crate never sees a point cloud and never opens a file.
@@ -40,13 +41,15 @@ pub mod initialise;
 pub mod linear;
 pub mod model;
 pub mod nonlinear;
-pub mod normal;
 pub mod observability;
 pub mod observation;
 pub mod problem;
+pub mod registration;
 pub mod robust;
 pub mod rotation;
+pub mod snooping;
 pub mod system;
+pub mod undetermined;
 pub mod variable;
 
 pub use adjust::{AdjustOptions, Adjustment, AdjustmentError, EndResult, adjust};

@@ -190,6 +190,19 @@ impl Model {
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
+    /// The unknowns that belong together, in order: the six of one knot of a strip, those of one calibration.
+    #[must_use]
+    pub fn nodes(&self) -> Vec<std::ops::Range<usize>> {
+        let knots = self.strips.iter().flatten().flat_map(|(first, basis)| {
+            let first = *first;
+            (0..basis.count()).map(move |k| first + 6 * k..first + 6 * (k + 1))
+        });
+        let calibrations = self.calibrations.iter().filter_map(|terms| {
+            let first = terms.iter().flatten().min()?;
+            Some(*first..first + terms.iter().flatten().count())
+        });
+        knots.chain(calibrations).collect()
+    }
     /// Their present values.
     #[must_use]
     pub fn state(&self) -> &DVector<f64> {

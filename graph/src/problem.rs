@@ -8,13 +8,6 @@ use crate::factor::Factor;
 use crate::robust::Kernel;
 use crate::variable::{Kind, Values, VariableId};
 
-/// Longest residual and widest row of a factor.
-pub const MAX_ROWS: usize = 24;
-/// Most variables of a factor.
-pub const MAX_VARIABLES: usize = 16;
-/// Widest row of a factor: columns of all its variables together.
-pub const MAX_COLUMNS: usize = 96;
-
 /// What evaluates factors hand over: residuals and derivatives, already weighted.
 pub(crate) trait Sink {
     /// Takes one factor: its variables, residuals and derivatives (row by row, `columns` wide).
@@ -76,8 +69,7 @@ impl<F: Factor> Group for Typed<F> {
         &self.factors[index]
     }
     fn linearise(&self, range: Range<usize>, values: &Values, kernel: &Kernel, sink: &mut dyn BatchSink) {
-        let mut residual = [0.0; MAX_ROWS];
-        let mut jacobian = [0.0; MAX_ROWS * MAX_COLUMNS];
+        let (mut residual, mut jacobian) = (Vec::new(), Vec::new());
         for index in range {
             if self.is_left_out(index) {
                 continue;
@@ -86,33 +78,38 @@ impl<F: Factor> Group for Typed<F> {
             let variables = factor.variables();
             let rows = factor.rows();
             let columns: usize = variables.iter().map(|v| values.kind(*v).dimension()).sum();
-            let (residual, jacobian) = (&mut residual[..rows], &mut jacobian[..rows * columns]);
-            residual.fill(0.0);
-            jacobian.fill(0.0);
-            factor.evaluate(values, residual, Some(jacobian));
+            zeros(&mut residual, rows);
+            zeros(&mut jacobian, rows * columns);
+            factor.evaluate(values, &mut residual, Some(&mut jacobian));
             if factor.is_tie() && *kernel != Kernel::None {
                 let weight = kernel.weight(residual.iter().map(|r| r * r).sum()).sqrt();
                 residual.iter_mut().chain(jacobian.iter_mut()).for_each(|v| *v *= weight);
             }
-            sink.take(variables, residual, jacobian, columns);
+            sink.take(variables, &residual, &jacobian, columns);
         }
     }
     fn cost(&self, range: Range<usize>, values: &Values, kernel: &Kernel) -> f64 {
-        let mut residual = [0.0; MAX_ROWS];
+        let mut residual = Vec::new();
         let mut sum = 0.0;
         for index in range {
             if self.is_left_out(index) {
                 continue;
             }
             let factor = &self.factors[index];
-            let residual = &mut residual[..factor.rows()];
-            residual.fill(0.0);
-            factor.evaluate(values, residual, None);
+            zeros(&mut residual, factor.rows());
+            factor.evaluate(values, &mut residual, None);
             let square: f64 = residual.iter().map(|r| r * r).sum();
             sum += if factor.is_tie() { kernel.cost(square) } else { square };
         }
         sum
     }
+}
+
+/// As many zeros.
+#[inline]
+fn zeros(buffer: &mut Vec<f64>, count: usize) {
+    buffer.clear();
+    buffer.resize(count, 0.0);
 }
 
 /// Variables and factors.
@@ -214,13 +211,8 @@ impl Problem {
     /// Adds a factor.
     ///
     /// # Panics
-    /// When it is longer than [`MAX_ROWS`] or wider than [`MAX_COLUMNS`], or names a variable that does not exist.
+    /// Never: a group holds factors of its own type.
     pub fn add<F: Factor>(&mut self, factor: F) {
-        let columns: usize = factor.variables().iter().map(|v| self.values.kind(*v).dimension()).sum();
-        assert!(
-            factor.rows() <= MAX_ROWS && columns <= MAX_COLUMNS && factor.variables().len() <= MAX_VARIABLES,
-            "a factor of this size"
-        );
         let next = self.groups.len();
         let index = *self.group_of.entry(TypeId::of::<F>()).or_insert(next);
         if index == next {

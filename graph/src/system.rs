@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
+use crate::helmert::block::{Equations, Singular};
 use crate::helmert::elimination::minimum_degree;
-use crate::helmert::factor::{Equations, Factorisation, Singular};
+use crate::helmert::factor::Factorisation;
 use crate::helmert::out_of_core::{Disk, DiskError, DiskFactorisation};
 use crate::helmert::partition::{PartitionOptions, partition};
 use crate::helmert::tree::Tree;

@@ -157,6 +157,26 @@ impl Values {
             _ => self.get_mut(id).iter_mut().zip(step).for_each(|(v, d)| *v += d),
         }
     }
+
+    /// The tangent vector that leads a variable to its value in `other`: what [`Values::retract`] undoes.
+    #[must_use]
+    pub fn tangent_to(&self, id: VariableId, other: &Self) -> Vec<f64> {
+        let (v, o) = (self.get(id), other.get(id));
+        match self.kind(id) {
+            Kind::Pose2 => {
+                let (sin, cos) = v[2].sin_cos();
+                let (dx, dy) = (o[0] - v[0], o[1] - v[1]);
+                vec![cos * dx + sin * dy, cos * dy - sin * dx, wrap(o[2] - v[2])]
+            }
+            Kind::Pose3 => {
+                let back = self.rotation(id).inverse();
+                let t = back * (other.xyz(id) - self.xyz(id));
+                let r = (back * other.rotation(id)).scaled_axis();
+                vec![t.x, t.y, t.z, r.x, r.y, r.z]
+            }
+            _ => o.iter().zip(v).map(|(o, v)| o - v).collect(),
+        }
+    }
 }
 
 /// An angle in (-π, π].
@@ -169,4 +189,28 @@ pub fn wrap(angle_rad: f64) -> f64 {
     }
     let turned = angle_rad - TAU * (angle_rad / TAU).round();
     if turned <= -PI { turned + TAU } else { turned }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tangent_between_two_values_leads_from_one_to_the_other() {
+        let mut from = Values::default();
+        let turned = UnitQuaternion::from_euler_angles(0.3, -0.2, 2.5);
+        let pose2 = from.push(Kind::Pose2, &[1.0, -2.0, 3.0]);
+        let pose3 = from.push(Kind::Pose3, &[1.0, 2.0, 3.0, turned.i, turned.j, turned.k, turned.w]);
+        let vector = from.push(Kind::Vector(2), &[0.5, 0.6]);
+        let mut to = from.clone();
+        to.retract(pose2, &[0.4, 0.3, 0.9]);
+        to.retract(pose3, &[0.1, 0.2, -0.3, 0.5, -0.7, 0.2]);
+        to.retract(vector, &[1.0, -1.0]);
+        let expected: [(VariableId, &[f64]); 3] =
+            [(pose2, &[0.4, 0.3, 0.9]), (pose3, &[0.1, 0.2, -0.3, 0.5, -0.7, 0.2]), (vector, &[1.0, -1.0])];
+        for (id, step) in expected {
+            let found = from.tangent_to(id, &to);
+            assert!(found.iter().zip(step).all(|(f, s)| (f - s).abs() < 1e-12), "{found:?}");
+        }
+    }
 }

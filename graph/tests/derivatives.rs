@@ -6,6 +6,8 @@ use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix6, Rotation3, UnitQuaternion, Ve
 use proptest::prelude::*;
 use tieline_graph::factor::baseline::{Baseline, Cluster};
 use tieline_graph::factor::check::derivative_error;
+use tieline_graph::factor::motion::{ArcMotion, ArcReading, ArcSigmas};
+use tieline_graph::factor::mounted::{MountedBetween2, MountedSighting2};
 use tieline_graph::factor::pose2::{Between2, Prior2, RangeBearing, Sighting2};
 use tieline_graph::factor::pose3::{Between3, Motion, PointTie, Prior3, Sighting3, SurfaceLine};
 use tieline_graph::factor::strip_tie::{StripEnd, StripTie};
@@ -55,6 +57,31 @@ proptest! {
         let d = values.xy(p) - values.xy(a);
         check(&RangeBearing::new([a, p], 3.0, d.y.atan2(d.x) - at[2] + 0.3, 0.5, 0.7), &values);
         check(&Known::<2>::new(a, [v[3], v[4]], &Matrix2::identity()).unwrap(), &values);
+    }
+
+    #[test]
+    fn of_a_vehicle(v in prop::collection::vec(-3.0..3.0, 28), turn in turns(), short in -1e-3..1e-3) {
+        let mut values = Values::default();
+        let a = values.push(Kind::Pose2, &v[0..3]);
+        let rate = values.push(Kind::Scalar, &[v[3]]);
+        let mount = values.push(Kind::Pose2, &v[4..7]);
+        let p = values.push(Kind::Point2, &v[7..9]);
+        let sigmas = ArcSigmas { along_m: 0.3, across_m: 0.4, turn_rad: 0.5 };
+        // turns of the poses small and large, what is left of the turn near zero and near half a turn
+        for turned in [v[9], short, 0.0] {
+            let reading = ArcReading { way_m: v[10], turn_rad: turned + turn, duration_s: 0.7 };
+            let heading = v[2] + turned - 0.7 * v[3];
+            let b = values.push(Kind::Pose2, &[v[11], v[12], heading]);
+            check(&ArcMotion::new([a, rate, b], reading, sigmas), &values);
+        }
+        let b = values.push(Kind::Pose2, &[v[11], v[12], v[2] + v[15] + turn]);
+        for convention in CONVENTIONS {
+            let measured = [v[13], v[14], v[15]];
+            let link = MountedBetween2::new([a, b, mount], measured, &positive::<3>(&v[16..25]), convention).unwrap();
+            check(&link, &values);
+        }
+        let information = positive::<2>(&v[20..24]);
+        check(&MountedSighting2::new([a, mount, p], Vector2::new(v[25], v[26]), &information).unwrap(), &values);
     }
 
     #[test]

@@ -25,6 +25,7 @@
 //! | [`drive`] | drives of a mobile mapping system through streets |
 //! | [`block`] | blocks of strips with ties, for scale tests |
 //! | [`net`] | geodetic nets, false loop edges |
+//! | [`survey_vehicle`] | a vehicle with odometer, drifting gyro and a misaligned sensor that sights landmarks |
 //! | [`navigation`] | GNSS/INS data of a moving platform, with ties |
 //!
 //! No estimator depends on this crate: truth cannot leak.
@@ -50,6 +51,7 @@ mod random;
 pub mod scanner;
 pub mod scenario;
 pub mod survey;
+pub mod survey_vehicle;
 pub mod truth;
 pub mod world;
 

@@ -188,13 +188,6 @@ impl GeodeticNet {
 
     fn cluster(&mut self, members: &[(Option<usize>, usize, [f64; 3])], covariance: &[f64], sign: f64) -> Result<()> {
         let n = 3 * members.len();
-        if n > tieline_graph::problem::MAX_ROWS {
-            bail!(
-                "a cluster of {} members is larger than the {} that are supported",
-                members.len(),
-                tieline_graph::problem::MAX_ROWS / 3
-            );
-        }
         let flip = |k: usize| if k % 3 == 1 { sign } else { 1.0 };
         let matrix = DMatrix::from_fn(n, n, |r, c| covariance[r * n + c] * flip(r) * flip(c));
         let mut list = Vec::with_capacity(members.len());

@@ -5,3 +5,4 @@ pub mod geodetic;
 pub mod pose_graph;
 pub mod simulated;
 pub mod strip_block;
+pub mod survey_vehicle;

@@ -1,5 +1,9 @@
 //! Figures of the documentation, drawn by the code that they are about: `cargo run -p xtask -- figures`.
 
+#![allow(clippy::cast_precision_loss)] // counts are small
+
+mod vehicle;
+
 use std::fmt::Write;
 
 use anyhow::Result;
@@ -12,13 +16,16 @@ use tieline_simulate::net::{NetKind, simulate_net};
 
 const COLOURS: [&str; 5] = ["#c0392b", "#e08e0b", "#2e86c1", "#1e8449", "#7d3c98"];
 
-/// Draws `docs/images/graph-blocks.svg` and `graph-sections.svg`.
+/// Draws `docs/images/graph-*.svg`.
 pub(crate) fn draw() -> Result<()> {
     let (net, _) = simulate_net(49, NetKind::Baselines, 4);
     let problem = simulated::problem(&net);
     let images = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/images/");
     std::fs::write(format!("{images}graph-blocks.svg"), blocks(&problem))?;
     std::fs::write(format!("{images}graph-sections.svg"), sections(&problem))?;
+    let [maps, rate] = vehicle::draw()?;
+    std::fs::write(format!("{images}graph-vehicle-maps.svg"), maps)?;
+    std::fs::write(format!("{images}graph-vehicle-rate.svg"), rate)?;
     Ok(())
 }
 

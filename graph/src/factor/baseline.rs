@@ -26,6 +26,11 @@ impl Baseline {
         let inverse = nalgebra::Cholesky::new(*covariance).ok_or(NotPositiveDefinite)?.inverse();
         Ok(Self { ids, measured_m, root: square_root(&inverse)? })
     }
+    /// What was measured, from the first to the second \[m\].
+    #[must_use]
+    pub fn measured_m(&self) -> Vector3<f64> {
+        self.measured_m
+    }
 }
 
 impl Factor for Baseline {

@@ -5,15 +5,20 @@
 //! | module | factors |
 //! |---|---|
 //! | [`pose2`], [`pose3`] | prior, between, sightings of landmarks, in the plane and in space |
+//! | [`motion`] | motion of a vehicle by odometer and drifting gyro |
+//! | [`mounted`] | sightings and submap links through the unknown place of the sensor on the vehicle |
 //! | [`vector`] | prior, random walk, constant bias, linear row, on variables that are plain numbers |
-//! | [`strip_tie`] | surface lines of strips with spline corrections and calibration |
+//! | [`strip_tie`] | surface lines of two strips with spline corrections and calibration |
+//! | [`common_surface`] | surface lines of any number of ends, the surface eliminated |
 //! | [`terrestrial`] | distance, direction, angle, azimuth, levelled height difference, coordinates |
 //! | [`baseline`] | GNSS baselines and clusters of correlated ones |
 pub mod baseline;
 pub mod check;
+pub mod common_surface;
+pub mod motion;
+pub mod mounted;
 pub mod pose2;
 pub mod pose3;
-
 pub mod strip_tie;
 pub mod terrestrial;
 pub mod vector;

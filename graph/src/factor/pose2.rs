@@ -63,32 +63,55 @@ impl Factor for Between2 {
     #[inline]
     fn evaluate(&self, values: &Values, residual: &mut [f64], jacobian: Option<&mut [f64]>) {
         let (a, b) = (values.get(self.ids[0]), values.get(self.ids[1]));
-        let back = turn(-a[2]);
-        let d = back * Vector2::new(b[0] - a[0], b[1] - a[1]);
-        let (relative, angle) = (b[2] - a[2], wrap(b[2] - a[2] - self.measured[2]));
-        let mut t = d - Vector2::new(self.measured[0], self.measured[1]);
+        let relation = Relation::new(a, b, &self.measured, self.convention);
+        residual.copy_from_slice((self.root * relation.error).as_slice());
+        if let Some(jacobian) = jacobian {
+            let [first, second] = relation.derivatives();
+            put(jacobian, 6, 0, &(self.root * first));
+            put(jacobian, 6, 3, &(self.root * second));
+        }
+    }
+}
+
+/// What is left of a measured relation of two poses.
+#[derive(Debug)]
+pub(super) struct Relation {
+    /// Error in the convention's units, not whitened.
+    pub(super) error: Vector3<f64>,
+    in_first: Vector2<f64>,
+    turn_rad: f64,
+    left: Matrix2<f64>,
+    by_angle: Vector2<f64>,
+}
+
+impl Relation {
+    #[inline]
+    pub(super) fn new(a: &[f64], b: &[f64], measured: &[f64; 3], convention: Convention) -> Self {
+        let in_first = turn(-a[2]) * Vector2::new(b[0] - a[0], b[1] - a[1]);
+        let (turn_rad, angle) = (b[2] - a[2], wrap(b[2] - a[2] - measured[2]));
         // to the frame of the measured pose; then the matrix of the logarithm
-        let mut left = turn(-self.measured[2]);
+        let mut left = turn(-measured[2]);
         let mut by_angle = Vector2::zeros();
-        t = left * t;
-        if self.convention == Convention::Log {
+        let mut t = left * (in_first - Vector2::new(measured[0], measured[1]));
+        if convention == Convention::Log {
             let (v, dv) = log_se2_matrix(angle);
             by_angle = dv * t;
             left = v * left;
             t = v * t;
         }
-        let e = self.root * Vector3::new(t.x, t.y, angle);
-        residual.copy_from_slice(e.as_slice());
-        if let Some(jacobian) = jacobian {
-            let ja = -left;
-            let ta = -(left * perpendicular(&d)) - by_angle;
-            let jb = left * turn(relative);
-            let first = Matrix3::new(ja[(0, 0)], ja[(0, 1)], ta.x, ja[(1, 0)], ja[(1, 1)], ta.y, 0.0, 0.0, -1.0);
-            let second =
-                Matrix3::new(jb[(0, 0)], jb[(0, 1)], by_angle.x, jb[(1, 0)], jb[(1, 1)], by_angle.y, 0.0, 0.0, 1.0);
-            put(jacobian, 6, 0, &(self.root * first));
-            put(jacobian, 6, 3, &(self.root * second));
-        }
+        Self { error: Vector3::new(t.x, t.y, angle), in_first, turn_rad, left, by_angle }
+    }
+    /// Derivatives of the error by the tangents of the first and of the second pose.
+    #[inline]
+    pub(super) fn derivatives(&self) -> [Matrix3<f64>; 2] {
+        let Self { left, by_angle, .. } = self;
+        let ja = -left;
+        let ta = -(left * perpendicular(&self.in_first)) - by_angle;
+        let jb = left * turn(self.turn_rad);
+        [
+            Matrix3::new(ja[(0, 0)], ja[(0, 1)], ta.x, ja[(1, 0)], ja[(1, 1)], ta.y, 0.0, 0.0, -1.0),
+            Matrix3::new(jb[(0, 0)], jb[(0, 1)], by_angle.x, jb[(1, 0)], jb[(1, 1)], by_angle.y, 0.0, 0.0, 1.0),
+        ]
     }
 }
 

@@ -13,7 +13,7 @@ use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::reborrow::{Reborrow, ReborrowMut};
 use faer::{Accum, Auto, Mat, MatMut, MatRef, Par, Spec};
 
-use super::factor::{PACKED_FROM, column_base};
+use super::block::{PACKED_FROM, column_base};
 
 /// Own scalars up to which the plain loops are faster.
 const SMALL: usize = 8;
@@ -27,7 +27,7 @@ pub fn triangle(own: usize) -> usize {
 /// Eliminates the own columns of a front with `own` and `boundary` scalars.
 ///
 /// `top`: `own²`, becomes `L₁₁`; `low`: `boundary × own`, becomes `L₂₁`; `square`: of the boundary as
-/// [`super::factor::Update`] has it, less `L₂₁ L₂₁ᵀ` afterwards. All column by column.
+/// [`super::block::Update`] has it, less `L₂₁ L₂₁ᵀ` afterwards. All column by column.
 ///
 /// # Errors
 /// The own column whose pivot is not positive.

@@ -4,10 +4,11 @@
 //! With the panel `L₁₁, L₂₁` of a block and the inverse `Z₂₂` on its boundary, which the block above has:
 //! `X = L₂₁ L₁₁⁻¹`, `Z₂₁ = -Z₂₂ X`, `Z₁₁ = (L₁₁ L₁₁ᵀ)⁻¹ - Xᵀ Z₂₁`.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::reborrow::{Reborrow, ReborrowMut};
-use faer::{Accum, Mat, MatMut, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::front;
 use super::tree::{NONE, Tree};
@@ -65,6 +66,64 @@ pub fn visit_inverse<'a, E>(
         }
     }
     Ok(())
+}
+
+/// The whole inverse, in the order of elimination: `scalars²` numbers, for nets of a few thousand unknowns.
+///
+/// From the last block down: with all later scalars 3, `Z₃₁ = -Z₃₂ X`, and `Z₁₁` as above.
+///
+/// # Errors
+/// What `panel` fails with.
+pub fn whole_inverse<'a, E>(
+    tree: &Tree,
+    mut panel: impl FnMut(usize) -> Result<std::borrow::Cow<'a, [f64]>, E>,
+) -> Result<Mat<f64>, E> {
+    let n = tree.scalars();
+    let mut z = Mat::<f64>::zeros(n, n);
+    for (index, block) in tree.blocks.iter().enumerate().rev() {
+        let (k, m) = (block.own_scalars, block.boundary_scalars);
+        if k == 0 {
+            continue;
+        }
+        let first = tree.scalar_start[block.first as usize] as usize;
+        let end = first + k;
+        let panel = panel(index)?;
+        let mut inverse = Mat::<f64>::zeros(k, k);
+        invert_lower_triangular(inverse.as_mut(), front::own_square(&panel, k).as_ref(), Par::Seq);
+        let mut own = product(inverse.transpose(), inverse.as_ref());
+        if m > 0 {
+            let boundary: Vec<usize> = tree
+                .boundary(index)
+                .iter()
+                .flat_map(|q| tree.scalar_start[*q as usize]..tree.scalar_start[*q as usize + 1])
+                .map(|s| s as usize)
+                .collect();
+            let x = product(front::below(&panel, k, m), inverse.as_ref());
+            let later = Mat::from_fn(n - end, m, |r, c| -z[(end + r, boundary[c])]);
+            let below = product(later.as_ref(), x.as_ref());
+            let at_boundary = Mat::from_fn(m, k, |r, c| below[(boundary[r] - end, c)]);
+            own -= product(x.transpose(), at_boundary.as_ref());
+            for c in 0..k {
+                for r in 0..n - end {
+                    z[(end + r, first + c)] = below[(r, c)];
+                    z[(first + c, end + r)] = below[(r, c)];
+                }
+            }
+        }
+        for c in 0..k {
+            for r in 0..k {
+                z[(first + r, first + c)] = 0.5 * (own[(r, c)] + own[(c, r)]);
+            }
+        }
+    }
+    Ok(z)
+}
+
+/// On one thread: bits must not depend on the number of threads.
+fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut c = Mat::zeros(a.nrows(), b.ncols());
+    matmul(c.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+    c
 }
 
 /// The inverse on the boundary of a block out of that of the block above, lower triangle.
@@ -131,7 +190,7 @@ fn block_inverse(tree: &Tree, index: usize, panel: &[f64], boundary: &[f64]) -> 
         );
         // the whole of the boundary's inverse, for the product
         let full = Mat::from_fn(m, m, |r, c| boundary[r.min(c) * m + r.max(c)]);
-        faer::linalg::matmul::matmul(z21.rb_mut(), Accum::Replace, full.as_ref(), x.as_ref(), -1.0, Par::Seq);
+        matmul(z21.rb_mut(), Accum::Replace, full.as_ref(), x.as_ref(), -1.0, Par::Seq);
         triangular_matmul(
             z11.rb_mut(),
             BlockStructure::TriangularLower,

@@ -10,10 +10,12 @@
 //! | [`elimination`] | the tree from a minimum-degree order, for graphs without places |
 //! | [`tree`] | blocks, their order and boundaries |
 //! | [`front`] | dense elimination of one block |
+//! | [`block`] | one block: gathered, eliminated, handed up |
 //! | [`factor`] | factorisation and solution in memory |
 //! | [`out_of_core`] | factorisation with the panels on disk |
 //! | [`inverse`] | selected inverse: covariances down the same tree |
 
+pub mod block;
 pub mod cover;
 pub mod elimination;
 pub mod factor;

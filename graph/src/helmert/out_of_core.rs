@@ -10,7 +10,8 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use super::factor::{Equations, Pool, Singular, Update, backward_block, right_start};
+use super::block::{Equations, Pool, Singular, Update, right_start};
+use super::factor::backward_block;
 use super::tree::{NONE, Tree};
 
 /// Where and in what pieces panels are kept.

@@ -8,7 +8,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use super::blocks::Pattern;
-use crate::helmert::factor::Singular;
+use crate::helmert::block::Singular;
 use crate::helmert::tree::Tree;
 
 /// Symbolic factorisation on scalars, for many numeric ones.

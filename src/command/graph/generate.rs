@@ -28,6 +28,7 @@ pub(super) fn run(args: &GraphGenerateArgs, common: &Common, out: &mut impl Writ
     drop(net);
     let setup = Setup {
         method: args.method,
+        sections: crate::cli::GraphSections::Schur,
         leaf: args.leaf,
         memory: args.memory,
         blocks: args.blocks.clone(),

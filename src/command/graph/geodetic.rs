@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use tieline_graph::VariableId;
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::free_net::{self, MOST_UNKNOWNS};
@@ -12,8 +12,8 @@ use tieline_graph::robust::Kernel;
 use tieline_graph::system::System;
 use tieline_io::network::{Network, dynadjust, gama};
 
-use super::solve::{Setup, cpu_s};
-use crate::cli::{Common, GraphSolveArgs};
+use super::solve::{Setup, cpu_s, method_name};
+use crate::cli::{Common, GraphMethod, GraphSolveArgs};
 use crate::memory::peak_bytes;
 use crate::net::geodetic::GeodeticNet;
 
@@ -48,6 +48,12 @@ struct Solution {
 /// # Errors
 /// When a file cannot be read, the net is not determined, or the output cannot be written.
 pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
+    if args.robust != "none" {
+        bail!(
+            "--robust {}: a geodetic net has no loop edges or ties to weight down; its suspects are named",
+            args.robust
+        );
+    }
     let mut net = GeodeticNet::new(read(args)?)?;
     let (begin, cpu) = (Instant::now(), cpu_s());
     let setup = Setup::of(args);
@@ -68,7 +74,7 @@ pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) 
         );
     }
     let value = serde_json::json!({
-        "method": if free { "dense" } else { "helmert" },
+        "method": if free { "dense" } else { method_name(args.method) },
         "convention": "plain",
         "chi2": solution.chi2,
         "dof": solution.dof,
@@ -133,16 +139,22 @@ fn small(net: &mut GeodeticNet) -> Result<Solution> {
 
 /// A net with a datum, by Helmert blocking.
 fn large(net: &mut GeodeticNet, setup: &Setup) -> Result<Solution> {
-    let setup = Setup { sigmas: true, ..setup.clone() };
-    let outcome = super::solve::adjust_net(&mut net.problem, &setup)?;
-    let covariances = outcome.covariances.context("covariances")?;
+    let outcome = super::solve::adjust_net(&mut net.problem, &Setup { sigmas: false, ..setup.clone() })?;
+    // sigmas and tests by the selected inverse, which the reference does not have
+    let setup = Setup { method: GraphMethod::Helmert, ..setup.clone() };
+    let (mut system, _temporary) = setup.system(&net.problem, &setup.options(Kernel::None))?;
+    let checks = covariances(&net.problem, &mut system, &Kernel::None, true)?;
+    if let Some(disk) = system.on_disk() {
+        disk.delete();
+    }
+    let sigmas: Vec<Vec<f64>> = net.problem.variables().map(|id| checks.sigmas(id)).collect();
     Ok(Solution {
         chi2: outcome.solved.cost,
         dof: outcome.solved.degrees_of_freedom,
         defect: 0,
         iterations: outcome.solved.iterations,
-        sigmas: Box::new(move |id| covariances.sigmas(id)),
-        checks: None,
+        sigmas: Box::new(move |id| sigmas[id.index()].clone()),
+        checks: Some(checks),
     })
 }
 

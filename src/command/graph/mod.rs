@@ -4,6 +4,7 @@ mod generate;
 mod geodetic;
 mod output;
 mod robust;
+mod sections;
 mod solve;
 
 use std::io::Write;

@@ -18,19 +18,26 @@ fn write(folder: &Path, name: &str, text: &str) -> Result<()> {
     write_whole(&path, text.as_bytes()).with_context(|| format!("writing {}", path.display()))
 }
 
-/// Writes `solved.g2o`, `sigmas.csv` and `graph.svg`.
+/// Writes `solved.g2o` (`solved.graph` in TORO's format where the graph came so), `sigmas.csv` and `graph.svg`.
 ///
 /// # Errors
 /// When the folder cannot be written.
 pub(super) fn pose_graph(
     folder: &Path,
     graph: &PoseGraph,
+    toro: bool,
     before: &Values,
     problem: &Problem,
     covariances: Option<&Covariances>,
 ) -> Result<()> {
-    let text = format(&with_values(graph, problem), Format::G2o).map_err(anyhow::Error::msg)?;
-    write(folder, "solved.g2o", &text)?;
+    let solved = with_values(graph, problem);
+    // what TORO cannot hold is written as g2o
+    let as_toro = if toro { format(&solved, Format::Toro).ok() } else { None };
+    let (name, text) = match as_toro {
+        Some(text) => ("solved.graph", text),
+        None => ("solved.g2o", format(&solved, Format::G2o).map_err(anyhow::Error::msg)?),
+    };
+    write(folder, name, &text)?;
     if let Some(covariances) = covariances {
         let mut text = String::from("vertex,sigma_1,sigma_2,sigma_3,sigma_4,sigma_5,sigma_6\n");
         for id in problem.variables().filter(|v| !problem.is_fixed(*v)) {

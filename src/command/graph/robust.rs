@@ -13,6 +13,8 @@ pub(super) enum Robust {
     Kernel(Kernel),
     /// Graduated non-convexity with Geman-McClure's kernel of this scale.
     Gnc(f64),
+    /// Data snooping with this limit of the test.
+    Snooping(f64),
 }
 
 /// A kernel by its name: `none`, `huber:1.5`, `dcs`, ….
@@ -35,7 +37,8 @@ pub(super) fn parse(text: &str) -> Result<Robust> {
         // a switch with a prior of weight Φ, eliminated, is DCS with the same Φ
         "dcs" | "switch" => Robust::Kernel(Kernel::Dcs(scale)),
         "gnc" => Robust::Gnc(scale),
-        _ => bail!("--robust {text}: the kernels are none, huber, cauchy, dcs, switch, gnc"),
+        "snooping" => Robust::Snooping(if number.is_some() { scale } else { tieline_graph::snooping::LIMIT }),
+        _ => bail!("--robust {text}: there are none, huber, cauchy, dcs, switch, gnc, snooping"),
     })
 }
 
@@ -46,6 +49,7 @@ impl Robust {
         match self {
             Self::Kernel(kernel) => kernel,
             Self::Gnc(c) => Kernel::GemanMcClure(c * c),
+            Self::Snooping(_) => Kernel::None,
         }
     }
     /// Adjusts.
@@ -63,6 +67,8 @@ impl Robust {
             Self::Kernel(kernel) => tieline_graph::robust::in_stages(problem, kernel, |problem, kernel| {
                 solve(problem, system, &SolveOptions { kernel, ..options.clone() })
             }),
+            // by its own way, which takes factors out of the problem
+            Self::Snooping(_) => solve(problem, system, options),
             Self::Gnc(c) => tieline_graph::robust::graduated(problem, c, |problem, kernel| {
                 solve(problem, system, &SolveOptions { kernel, ..options.clone() })
             }),

@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use tieline_graph::bowie::{self, BowieOptions, BowieStep};
 use tieline_graph::covariance::{Covariances, covariances};
 use tieline_graph::factor::Convention;
 use tieline_graph::helmert::out_of_core::{self, Disk};
 use tieline_graph::nonlinear::{SolveOptions, Solved, solve_system};
 use tieline_graph::robust::Kernel;
+use tieline_graph::snooping::{Snooped, solve_snooping};
 use tieline_graph::system::{Method, System};
 use tieline_graph::{Problem, Values, initialise};
 
 use super::robust::{self, Robust};
-use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSolveArgs};
+use super::sections::Sections;
+use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSections, GraphSolveArgs};
 use crate::memory::peak_bytes;
 use crate::net::pose_graph;
 
@@ -51,8 +52,10 @@ pub(super) struct Outcome {
     pub(super) covariance_s: f64,
     /// Groups of blocks taken over from a run that was killed.
     pub(super) resumed_blocks: usize,
-    /// Junctions and sections of the last step.
-    pub(super) bowie: Option<BowieStep>,
+    /// Junctions and sections.
+    pub(super) bowie: Option<Sections>,
+    /// What data snooping took out, when asked for.
+    pub(super) snooped: Option<Vec<Snooped>>,
     /// Numbers in the panels.
     pub(super) panel_numbers: usize,
     /// Multiplications of a factorisation.
@@ -64,6 +67,8 @@ pub(super) struct Outcome {
 pub(super) struct Setup {
     /// How the normal equations are solved.
     pub(super) method: GraphMethod,
+    /// What a section counts as.
+    pub(super) sections: GraphSections,
     /// Most nodes of a leaf.
     pub(super) leaf: usize,
     /// Memory for the factorisation \[MiB\].
@@ -80,6 +85,7 @@ impl Setup {
     pub(super) fn of(args: &GraphSolveArgs) -> Self {
         Self {
             method: args.method,
+            sections: args.sections,
             leaf: args.leaf,
             memory: args.memory,
             blocks: args.blocks.clone(),
@@ -88,7 +94,7 @@ impl Setup {
         }
     }
     /// Settings of the solver.
-    fn options(&self, kernel: Kernel) -> SolveOptions {
+    pub(super) fn options(&self, kernel: Kernel) -> SolveOptions {
         let method = match self.method {
             GraphMethod::Cholesky => Method::Cholesky,
             _ => Method::Helmert,
@@ -98,7 +104,11 @@ impl Setup {
         options
     }
     /// A system, on disk where the memory asks for it.
-    fn system(&self, problem: &Problem, options: &SolveOptions) -> Result<(System, Option<tempfile::TempDir>)> {
+    pub(super) fn system(
+        &self,
+        problem: &Problem,
+        options: &SolveOptions,
+    ) -> Result<(System, Option<tempfile::TempDir>)> {
         let mut system = System::new(problem, options.order, options.partition, options.method.clone())?;
         let bytes = 8 * system.tree.panel_numbers() as u64;
         let budget = self.memory.map(|mib| mib << 20);
@@ -161,7 +171,8 @@ fn run_pose_graph(path: &Path, args: &GraphSolveArgs, common: &Common, out: &mut
     let before = problem.values.clone();
     let outcome = adjust(&mut problem, &Setup::of(args), robust, args.initial)?;
     if let Some(folder) = &args.out {
-        super::output::pose_graph(folder, &graph, &before, &problem, outcome.covariances.as_ref())?;
+        let toro = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("graph"));
+        super::output::pose_graph(folder, &graph, toro, &before, &problem, outcome.covariances.as_ref())?;
     }
     let name = match args.convention {
         GraphConvention::Plain => "plain",
@@ -183,19 +194,16 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
     let wanted = initial;
     let initial = first_values(problem, initial, &options)?;
     if setup.method == GraphMethod::Bowie {
-        let options = BowieOptions::default();
-        let (solved, step) = bowie::solve(problem, &robust.kernel(), &options, setup.iterations)?;
-        let solve_s = begin.elapsed().as_secs_f64();
-        let (solve_cpu_s, total_cpu_s) = (cpu_s() - cpu, cpu_s());
-        return Ok(Outcome {
-            solved,
-            solve_s,
-            solve_cpu_s,
-            total_cpu_s,
-            initial,
-            bowie: Some(step),
-            ..Outcome::default()
-        });
+        let mut outcome = super::sections::adjust(problem, setup, robust.kernel())?;
+        outcome.solve_s = begin.elapsed().as_secs_f64();
+        outcome.solve_cpu_s = cpu_s() - cpu;
+        outcome.initial = initial;
+        super::sections::compare(problem, &options, &mut outcome)?;
+        outcome.total_cpu_s = cpu_s();
+        return Ok(outcome);
+    }
+    if let Robust::Snooping(limit) = robust {
+        return snoop(problem, setup, &options, limit, initial, (begin, cpu));
     }
     let (mut system, _temporary) = setup.system(problem, &options)?;
     let from_file = (initial == "chordal" && wanted == GraphInitial::Auto).then_some(from_file);
@@ -238,6 +246,47 @@ pub(super) fn adjust(problem: &mut Problem, setup: &Setup, robust: Robust, initi
     Ok(outcome)
 }
 
+/// Data snooping: adjusts, takes out what fails its test, and adjusts again.
+fn snoop(
+    problem: &mut Problem,
+    setup: &Setup,
+    options: &SolveOptions,
+    limit: f64,
+    initial: &'static str,
+    (begin, cpu): (Instant, f64),
+) -> Result<Outcome> {
+    if options.method_is_reference() || setup.blocks.is_some() || setup.memory.is_some() {
+        bail!("--robust snooping needs --method helmert in memory: it looks at every redundancy");
+    }
+    let (solved, mut system, snooped) = solve_snooping(problem, options, limit)?;
+    let mut outcome = Outcome {
+        solved,
+        solve_s: begin.elapsed().as_secs_f64(),
+        solve_cpu_s: cpu_s() - cpu,
+        initial,
+        snooped: Some(snooped),
+        ..Outcome::default()
+    };
+    if setup.sigmas {
+        let (begin, cpu) = (Instant::now(), cpu_s());
+        outcome.covariances = Some(covariances(problem, &mut system, &options.kernel, false)?);
+        outcome.covariance_s = begin.elapsed().as_secs_f64();
+        outcome.covariance_cpu_s = cpu_s() - cpu;
+    }
+    outcome.total_cpu_s = cpu_s();
+    Ok(outcome)
+}
+
+/// Ties that data snooping took out, by the names of their variables.
+fn taken_out(problem: &Problem, snooped: &[Snooped]) -> Vec<serde_json::Value> {
+    let factors: Vec<_> = problem.factors().collect();
+    let one = |s: &Snooped| {
+        let names: Vec<String> = factors[s.factor].variables().iter().map(|v| problem.name(*v)).collect();
+        serde_json::json!({ "between": names, "test": s.test })
+    };
+    snooped.iter().map(one).collect()
+}
+
 /// Puts first values into a problem; says which.
 fn first_values(problem: &mut Problem, initial: GraphInitial, options: &SolveOptions) -> Result<&'static str> {
     match initial {
@@ -265,6 +314,21 @@ fn first_values(problem: &mut Problem, initial: GraphInitial, options: &SolveOpt
     }
 }
 
+/// What a method is called.
+pub(super) fn method_name(method: GraphMethod) -> &'static str {
+    match method {
+        GraphMethod::Cholesky => "cholesky",
+        GraphMethod::Helmert => "helmert",
+        GraphMethod::Bowie => "bowie",
+    }
+}
+
+/// Sigma of unit weight; nothing without redundancy.
+#[allow(clippy::cast_precision_loss)] // few enough
+fn sigma0(solved: &Solved) -> Option<f64> {
+    (solved.degrees_of_freedom > 0).then(|| (solved.cost / solved.degrees_of_freedom as f64).sqrt())
+}
+
 /// The result, as JSON or for people.
 fn report(
     args: &GraphSolveArgs,
@@ -274,11 +338,7 @@ fn report(
     outcome: &Outcome,
     out: &mut impl Write,
 ) -> Result<()> {
-    let method = match args.method {
-        GraphMethod::Cholesky => "cholesky",
-        GraphMethod::Helmert => "helmert",
-        GraphMethod::Bowie => "bowie",
-    };
+    let method = method_name(args.method);
     let solved = &outcome.solved;
     if common.json {
         let mut value = serde_json::json!({
@@ -287,6 +347,7 @@ fn report(
             "initial": outcome.initial,
             "chi2": solved.cost,
             "dof": solved.degrees_of_freedom,
+            "sigma0": sigma0(solved),
             "converged": solved.converged,
             "iterations": solved.iterations,
             "order_s": solved.order_s,
@@ -296,13 +357,11 @@ fn report(
             "total_cpu_s": outcome.total_cpu_s,
             "peak_memory_bytes": peak_bytes(),
         });
-        if let Some(step) = &outcome.bowie {
-            value["bowie"] = serde_json::json!({
-                "junctions": step.junctions,
-                "sections": step.sections,
-                "left_out": step.left_out,
-                "passes": step.misclosure.len(),
-            });
+        if let Some(sections) = &outcome.bowie {
+            value["bowie"] = serde_json::to_value(sections)?;
+        }
+        if let Some(snooped) = &outcome.snooped {
+            value["taken_out"] = taken_out(problem, snooped).into();
         }
         if let Some(covariances) = &outcome.covariances {
             value["covariance_s"] = outcome.covariance_s.into();
@@ -323,6 +382,12 @@ fn report(
             "{method}: chi2 {:.9} with {} degrees of freedom after {} iterations from {} values ({:.3} s)",
             solved.cost, solved.degrees_of_freedom, solved.iterations, outcome.initial, outcome.solve_s
         )?;
+        if let Some(sections) = &outcome.bowie {
+            writeln!(out, "{sections}")?;
+        }
+        for tie in outcome.snooped.iter().flat_map(|snooped| taken_out(problem, snooped)) {
+            writeln!(out, "taken out: {tie}")?;
+        }
     }
     Ok(())
 }

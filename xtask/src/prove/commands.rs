@@ -40,3 +40,13 @@ pub(crate) fn navigation_mistakes() -> Result<Vec<Row>> {
     let good = succeeds(&["test", "--quiet", "--release", "--test", "bad_navigation"])?;
     Ok(vec![Row::at_most("mistakes without a readable message", f64::from(u8::from(!good)), 0.0, "")])
 }
+
+/// Each mistake with graphs has a test, and damaged files of every kind are read and adjusted without a panic.
+pub(crate) fn graph_mistakes() -> Result<Vec<Row>> {
+    let message = succeeds(&["test", "--quiet", "--release", "--test", "bad_graphs"])?;
+    let damaged = succeeds(&["test", "--quiet", "--release", "--test", "graph_mutations"])?;
+    Ok(vec![
+        Row::at_most("mistakes without a readable message", f64::from(u8::from(!message)), 0.0, ""),
+        Row::at_most("damaged graphs and nets: tests that fail", f64::from(u8::from(!damaged)), 0.0, ""),
+    ])
+}

@@ -26,14 +26,17 @@ impl Row {
     pub(crate) fn between(name: impl Into<String>, value: f64, low: f64, high: f64, unit: &'static str) -> Self {
         Self { name: name.into(), value, low, high, unit }
     }
+    pub(crate) fn at_least(name: impl Into<String>, value: f64, low: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, low, high: f64::INFINITY, unit }
+    }
     fn passes(&self) -> bool {
         self.value >= self.low && self.value <= self.high
     }
     fn print(&self) {
-        let bound = if self.low.is_finite() {
-            format!("{} … {}", tidy(self.low), tidy(self.high))
-        } else {
-            format!("≤ {}", tidy(self.high))
+        let bound = match (self.low.is_finite(), self.high.is_finite()) {
+            (true, true) => format!("{} … {}", tidy(self.low), tidy(self.high)),
+            (true, false) => format!("≥ {}", tidy(self.low)),
+            _ => format!("≤ {}", tidy(self.high)),
         };
         let verdict = if self.passes() { "pass" } else { "FAIL" };
         println!("{:<64} {:>12.4} {:<6} bound {:<16} {verdict}", self.name, self.value, self.unit, bound);
@@ -96,7 +99,7 @@ pub(crate) fn filter(only: Option<&str>) -> anyhow::Result<()> {
 
 /// Runs the proofs on graphs.
 pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 10] = [
+    let proofs: [(&str, Proof); 12] = [
         ("1 known optima", graph::chi2),
         ("1 known sigmas", graph::sigmas),
         ("1 known nets", graph::nets),
@@ -107,6 +110,8 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
         ("6 false loops", graph::outliers),
         ("7 junctions and sections", graph::junctions),
         ("8 a block of strips", graph::strips),
+        ("9 mistakes a person makes", commands::graph_mistakes),
+        ("10 a survey vehicle", graph::vehicle),
     ];
     run(&proofs, only)
 }
@@ -114,7 +119,10 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
 fn run(proofs: &[(&str, Proof)], only: Option<&str>) -> anyhow::Result<()> {
     let mut failed = 0;
     for (name, proof) in proofs {
-        if only.is_some_and(|o| !o.split(',').any(|begin| name.starts_with(begin))) {
+        // a number is a whole one: 1 is not 10
+        let number = name.split(' ').next();
+        let is_asked = |o: &str| name.starts_with(o) && (o.parse::<u32>().is_err() || number == Some(o));
+        if only.is_some_and(|o| !o.split(',').any(is_asked)) {
             continue;
         }
         println!("== {name}");

@@ -1,14 +1,17 @@
 //! Line 7: Bowie's method against the exact solution.
 
 use anyhow::Result;
-use tieline::net::{pose_graph, simulated};
-use tieline_graph::Problem;
+use tieline::net::{pose_graph, simulated, strip_block};
+use tieline_graph::bowie::length::solve_by_length;
 use tieline_graph::bowie::{BowieOptions, linear_step};
 use tieline_graph::factor::Convention;
 use tieline_graph::linear::blocks::Normal;
+use tieline_graph::nonlinear::SolveOptions;
 use tieline_graph::robust::Kernel;
 use tieline_graph::system::{Method, Order, System};
+use tieline_graph::{Kind, Problem, Values};
 use tieline_io::pose_graph::{Measured, PoseGraph};
+use tieline_simulate::block::{BlockOptions, simulate_block};
 use tieline_simulate::net::{NetKind, simulate_net};
 
 use super::super::Row;
@@ -17,7 +20,7 @@ use super::data;
 /// The exact linear step, variable by variable, and its seconds.
 fn exact(problem: &Problem) -> Result<(Vec<f64>, f64)> {
     let begin = std::time::Instant::now();
-    let options = tieline_graph::nonlinear::SolveOptions::default();
+    let options = SolveOptions::default();
     let mut system = System::new(problem, Order::Automatic, options.partition, Method::Helmert)?;
     let mut normal = Normal::default();
     system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
@@ -70,7 +73,13 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
     let mut pose = pose_graph::problem(&file, Convention::Plain)?;
     pose.values = tieline_graph::initialise::chordal(&pose)?;
     let (net, _) = simulate_net(270_400, NetKind::Baselines, 7);
-    let mut problems = vec![("M3500", pose), ("net of 270,400 stations", simulated::problem(&net))];
+    let strips = BlockOptions { strips: 200, cross_strips: 4, knots: 60, ties: 60_000, seed: 3 };
+    let (block, _) = simulate_block(&strips);
+    let mut problems = vec![
+        ("M3500", pose),
+        ("block of 200 strips", strip_block::problem(&block, strips.knots)),
+        ("net of 270,400 stations", simulated::problem(&net)),
+    ];
     for (name, problem) in &mut problems {
         let (truth, exact_s) = exact(problem)?;
         println!("{name}: exact step in {exact_s:.3} s");
@@ -97,5 +106,36 @@ pub(crate) fn rows() -> Result<Vec<Row>> {
             ));
         }
     }
+    rows.extend(by_length("M3500 as a chain", pose_graph::problem(&thinned(usize::MAX)?, Convention::Plain)?, 1e-6)?);
+    rows.extend(by_length("M3500", pose_graph::problem(&file, Convention::Plain)?, 1.0)?);
+    rows.extend(by_length("net of 270,400 stations", simulated::problem(&net), 1.0)?);
     Ok(rows)
+}
+
+/// Root mean square of the distances of the nodes \[m\].
+fn apart_m(problem: &Problem, a: &Values, b: &Values) -> f64 {
+    let squares = problem.variables().map(|id| {
+        let count = if problem.values.kind(id) == Kind::Pose2 { 2 } else { 3 };
+        a.get(id)[..count].iter().zip(&b.get(id)[..count]).map(|(p, q)| (p - q).powi(2)).sum::<f64>()
+    });
+    (squares.sum::<f64>() / problem.values.len() as f64).sqrt()
+}
+
+/// Weights by length: what is left of the distance to the exact solution that the first values had.
+fn by_length(name: &str, mut problem: Problem, bound: f64) -> Result<Vec<Row>> {
+    let first = problem.values.clone();
+    let begin = std::time::Instant::now();
+    let done = solve_by_length(&mut problem)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    let by_length = problem.values.clone();
+    problem.values = tieline_graph::initialise::chordal(&problem).unwrap_or(by_length.clone());
+    let exact = tieline_graph::nonlinear::solve(&mut problem, &SolveOptions::default())?;
+    let (before, after) = (apart_m(&problem, &first, &problem.values), apart_m(&problem, &by_length, &problem.values));
+    println!(
+        "{name}, weights by length: {} junctions, {} sections, {} passes, {seconds:.3} s; chi2 {:.1} (exact {:.1}, in {:.3} s); \
+         {after:.3e} m off exact, the first values {before:.3e} m",
+        done.junctions, done.sections, done.passes, done.cost, exact.cost, exact.total_s
+    );
+    let name = format!("{name}, weights by length: distance to exact over that of the first values");
+    Ok(vec![Row::at_most(name, after / before, bound, "")])
 }

@@ -7,6 +7,7 @@ mod outliers;
 mod pose_graphs;
 mod scale;
 mod strips;
+mod vehicle;
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -20,6 +21,7 @@ pub(crate) use outliers::rows as outliers;
 pub(crate) use pose_graphs::{chi2, marginals, sigmas, speed};
 pub(crate) use scale::rows as scale;
 pub(crate) use strips::rows as strips;
+pub(crate) use vehicle::rows as vehicle;
 
 use super::real::{program, root};
 

@@ -1,4 +1,5 @@
-//! The smoother's algebra against dense least squares on a linear Gaussian problem, with states that enter and leave.
+//! The smoother's algebra against batch least squares on a linear Gaussian problem, with states that enter and leave:
+//! by dense normal equations, and by this crate with every state and feature a variable.
 
 use nalgebra::{DMatrix, DVector};
 use tieline_filter::adjoint::{Adjoint, smoothed};
@@ -6,6 +7,12 @@ use tieline_filter::kalman::{Gaussian, Measurement, Slots, Stay};
 use tieline_filter::state::{CORE, NAV};
 use tieline_filter::tape::{NodeRecord, Operation};
 use tieline_filter::transition::Transition;
+use tieline_graph::covariance::covariances;
+use tieline_graph::factor::vector::Linear;
+use tieline_graph::nonlinear::{SolveOptions, solve_system};
+use tieline_graph::robust::Kernel;
+use tieline_graph::system::System;
+use tieline_graph::{Kind, VariableId};
 
 const BASE: usize = CORE + 2;
 const SLOTS: Slots = Slots { brief: 2, lasting: 6 };
@@ -87,8 +94,11 @@ fn problem(seed: u64) -> Problem {
     Problem { transitions, noise: vec![0.02; BASE], prior, fixes, features }
 }
 
-/// Smoothed means and covariances of the base states at every step, by filter and adjoint.
-fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
+/// Means and covariances (row by row) of the base states at every step.
+type States = Vec<(Vec<f64>, Vec<f64>)>;
+
+/// Smoothed states, by filter and adjoint.
+fn by_smoother(p: &Problem, form: Form) -> States {
     let mut g = Gaussian::new(&p.prior, SLOTS);
     let mut live: Vec<Vec<(usize, usize)>> = vec![Vec::new(); p.features.len()];
     let mut records = Vec::new();
@@ -146,47 +156,100 @@ fn by_smoother(p: &Problem, form: Form) -> Vec<(Vec<f64>, Vec<f64>)> {
     out
 }
 
+/// One equation `a · x = z` of the batch: rows over the states of steps and the features, values, covariance.
+struct Equation {
+    /// Step or feature (after the last step) and coefficients, for each variable.
+    blocks: Vec<(usize, DMatrix<f64>)>,
+    value: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+/// The whole problem as equations.
+fn equations(p: &Problem) -> Vec<Equation> {
+    let row = |coefficients: &[(usize, f64)]| {
+        let mut j = DMatrix::zeros(1, BASE);
+        coefficients.iter().for_each(|(k, factor)| j[(0, *k)] += factor);
+        j
+    };
+    let one = |v: f64| DMatrix::from_element(1, 1, v);
+    let mut list: Vec<Equation> = (0..BASE)
+        .map(|k| Equation {
+            blocks: vec![(0, row(&[(k, 1.0)]))],
+            value: DVector::zeros(1),
+            covariance: one(p.prior[k]),
+        })
+        .collect();
+    for (step, t) in p.transitions.iter().enumerate() {
+        let phi = dense(t);
+        let half = DMatrix::from_diagonal(&DVector::from_vec(p.noise.clone())) * 0.5;
+        list.push(Equation {
+            blocks: vec![(step, -&phi), (step + 1, DMatrix::identity(BASE, BASE))],
+            value: DVector::zeros(BASE),
+            covariance: &phi * &half * phi.transpose() + &half,
+        });
+    }
+    for (step, m) in &p.fixes {
+        let rows: Vec<DMatrix<f64>> = m.rows.iter().map(|r| row(r)).collect();
+        list.push(Equation {
+            blocks: vec![(*step, DMatrix::from_fn(rows.len(), BASE, |r, c| rows[r][(0, c)]))],
+            value: DVector::from_vec(m.residual.clone()),
+            covariance: DMatrix::from_row_slice(3, 3, &m.noise),
+        });
+    }
+    for (f, feature) in p.features.iter().enumerate() {
+        for (step, coefficients, value, sigma) in feature {
+            list.push(Equation {
+                blocks: vec![(*step, row(coefficients)), (STEPS + 1 + f, one(-1.0))],
+                value: DVector::from_element(1, -value),
+                covariance: one(sigma * sigma),
+            });
+        }
+    }
+    list
+}
+
+/// The same by this crate.
+fn by_graph(p: &Problem) -> States {
+    let mut problem = tieline_graph::Problem::new();
+    let size = u8::try_from(BASE).expect("few states");
+    let states: Vec<VariableId> = (0..=STEPS).map(|_| problem.add_variable(Kind::Vector(size), &[0.0; BASE])).collect();
+    let features: Vec<VariableId> = p.features.iter().map(|_| problem.add_variable(Kind::Scalar, &[0.0])).collect();
+    for equation in equations(p) {
+        let lower = equation.covariance.cholesky().expect("noise").unpack();
+        let whiten = |m: DMatrix<f64>| lower.solve_lower_triangular(&m).expect("regular");
+        let ids = equation.blocks.iter().map(|(k, _)| *states.iter().chain(&features).nth(*k).expect("one of them"));
+        let columns: Vec<DMatrix<f64>> = equation.blocks.iter().map(|(_, j)| whiten(j.clone())).collect();
+        let mut coefficients = Vec::new();
+        for r in 0..equation.value.len() {
+            columns.iter().for_each(|block| coefficients.extend(block.row(r).iter()));
+        }
+        let right = whiten(DMatrix::from_column_slice(equation.value.len(), 1, equation.value.as_slice()));
+        problem.add(Linear::new(ids.collect(), coefficients, right.as_slice().to_vec()));
+    }
+    let options = SolveOptions::default();
+    let mut system = System::new(&problem, options.order, options.partition, options.method.clone()).expect("a net");
+    solve_system(&mut problem, &mut system, &options).expect("determined");
+    let sigma = covariances(&problem, &mut system, &Kernel::None, false).expect("determined");
+    let of_step =
+        |id: &VariableId| (problem.values.get(*id).to_vec(), sigma.of(*id).transpose().iter().copied().collect());
+    states.iter().map(of_step).collect()
+}
+
 /// The same by dense least squares over all steps and features.
-fn by_batch(p: &Problem) -> Vec<(Vec<f64>, Vec<f64>)> {
+fn by_dense_equations(p: &Problem) -> States {
     let n = (STEPS + 1) * BASE + p.features.len();
     let (mut normal, mut right) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n));
     let mut add = |j: &DMatrix<f64>, z: &DVector<f64>, weight: &DMatrix<f64>| {
         normal += j.transpose() * weight * j;
         right += j.transpose() * weight * z;
     };
-    for (k, variance) in p.prior.iter().enumerate() {
-        let mut j = DMatrix::zeros(1, n);
-        j[(0, k)] = 1.0;
-        add(&j, &DVector::zeros(1), &DMatrix::from_element(1, 1, 1.0 / variance));
-    }
-    for (step, t) in p.transitions.iter().enumerate() {
-        let phi = dense(t);
-        let half = DMatrix::from_diagonal(&DVector::from_vec(p.noise.clone())) * 0.5;
-        let q = &phi * &half * phi.transpose() + &half;
-        let mut j = DMatrix::zeros(BASE, n);
-        j.view_mut((0, step * BASE), (BASE, BASE)).copy_from(&-&phi);
-        j.view_mut((0, (step + 1) * BASE), (BASE, BASE)).fill_with_identity();
-        add(&j, &DVector::zeros(BASE), &q.try_inverse().expect("noise"));
-    }
-    for (step, m) in &p.fixes {
-        let mut j = DMatrix::zeros(3, n);
-        for (i, row) in m.rows.iter().enumerate() {
-            for (k, factor) in row {
-                j[(i, step * BASE + k)] += factor;
-            }
+    for equation in equations(p) {
+        let mut j = DMatrix::zeros(equation.value.len(), n);
+        for (k, block) in &equation.blocks {
+            let first = if *k <= STEPS { k * BASE } else { (STEPS + 1) * BASE + k - STEPS - 1 };
+            j.view_mut((0, first), block.shape()).copy_from(block);
         }
-        let r = DMatrix::from_row_slice(3, 3, &m.noise);
-        add(&j, &DVector::from_vec(m.residual.clone()), &r.try_inverse().expect("noise"));
-    }
-    for (f, feature) in p.features.iter().enumerate() {
-        for (step, row, value, sigma) in feature {
-            let mut j = DMatrix::zeros(1, n);
-            for (k, factor) in row {
-                j[(0, step * BASE + k)] = *factor;
-            }
-            j[(0, (STEPS + 1) * BASE + f)] = -1.0;
-            add(&j, &DVector::from_element(1, -value), &DMatrix::from_element(1, 1, 1.0 / (sigma * sigma)));
-        }
+        add(&j, &equation.value, &equation.covariance.clone().try_inverse().expect("noise"));
     }
     let inverse = normal.cholesky().expect("positive definite").inverse();
     let x = &inverse * right;
@@ -199,21 +262,22 @@ fn by_batch(p: &Problem) -> Vec<(Vec<f64>, Vec<f64>)> {
         .collect()
 }
 
+fn assert_same(a: &States, b: &States, what: &str) {
+    for (step, ((x, c), (y, d))) in a.iter().zip(b).enumerate() {
+        let mean = x.iter().zip(y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let covariance = c.iter().zip(d).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(mean < 1e-9 && covariance < 1e-9, "{what}, step {step}: mean {mean:e}, covariance {covariance:e}");
+    }
+}
+
 #[test]
-fn landmarks_clones_and_dense_least_squares_agree() {
+fn landmarks_clones_and_batch_least_squares_agree() {
     for seed in 1..6 {
         let p = problem(seed);
-        let batch = by_batch(&p);
+        let batch = by_graph(&p);
+        assert_same(&batch, &by_dense_equations(&p), &format!("seed {seed}, the graph against dense equations"));
         for form in [Form::Landmark, Form::Delayed] {
-            let smoother = by_smoother(&p, form);
-            for (step, ((x, c), (y, d))) in smoother.iter().zip(&batch).enumerate() {
-                let mean = x.iter().zip(y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                let covariance = c.iter().zip(d).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                assert!(
-                    mean < 1e-9 && covariance < 1e-9,
-                    "seed {seed}, step {step}: mean {mean:e}, covariance {covariance:e}"
-                );
-            }
+            assert_same(&by_smoother(&p, form), &batch, &format!("seed {seed}, the smoother against the graph"));
         }
     }
 }

@@ -119,7 +119,7 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
         });
         let mut seen: Vec<_> = seen.collect();
         seen.sort_by(|a, b| a.3.time_s.total_cmp(&b.3.time_s));
-        let Some(pose) = seen.first().map(|s| s.3.clone()).filter(|_| seen.len() >= 2) else { continue };
+        let Some(pose) = seen.first().map(|s| s.3).filter(|_| seen.len() >= 2) else { continue };
         let mut ends: Vec<End> = Vec::new();
         for (number, patch, sigma_m, pose, delivered) in seen {
             let time_s = pose.time_s;

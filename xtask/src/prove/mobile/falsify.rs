@@ -34,7 +34,7 @@ pub(super) fn solved_with_false_ties(project: &Path, seed: u64) -> Result<Errors
 fn falsify(matched: &mut Matched, seed: u64) {
     for row in matched.ties.selected.clone() {
         let number = mix(mix(seed) ^ row as u64);
-        if number % ONE_IN != 0 {
+        if !number.is_multiple_of(ONE_IN) {
             continue;
         }
         let size_m = LEAST_M * (1.0 + 4.0 * ((number >> 8) % 1000) as f64 / 1000.0);

@@ -17,8 +17,9 @@ use tieline_simulate::net::{NetKind, simulate_net};
 use super::super::Row;
 use super::data;
 
-/// The exact linear step, variable by variable, and its seconds.
-fn exact(problem: &Problem) -> Result<(Vec<f64>, f64)> {
+/// The exact linear step, variable by variable, the weights of its numbers (diagonal of the normal matrix), and its
+/// seconds.
+fn exact(problem: &Problem) -> Result<(Vec<[f64; 2]>, f64)> {
     let begin = std::time::Instant::now();
     let options = SolveOptions::default();
     let mut system = System::new(problem, Order::Automatic, options.partition, Method::Helmert)?;
@@ -26,17 +27,20 @@ fn exact(problem: &Problem) -> Result<(Vec<f64>, f64)> {
     system.pattern.assemble(problem, &problem.values, &Kernel::None, &mut normal);
     let mut right = normal.right.clone();
     system.solve(problem, &normal.numbers, &mut right)?;
+    let weights = system.pattern.diagonal(&normal.numbers);
     let mut plain = Vec::with_capacity(right.len());
     for id in problem.variables().filter(|v| !problem.is_fixed(*v)) {
         let first = system.pattern.scalar[id.index()] as usize;
-        plain.extend_from_slice(&right[first..first + problem.values.kind(id).dimension()]);
+        plain.extend((first..first + problem.values.kind(id).dimension()).map(|k| [right[k], weights[k]]));
     }
     Ok((plain, begin.elapsed().as_secs_f64()))
 }
 
-fn off(a: &[f64], b: &[f64]) -> f64 {
-    let top: f64 = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum();
-    (top / b.iter().map(|y| y * y).sum::<f64>()).sqrt()
+/// Root mean square by which a step is off the exact one, over that of the exact one; metres and radians count by their
+/// weights.
+fn off(step: &[f64], exact: &[[f64; 2]]) -> f64 {
+    let top: f64 = step.iter().zip(exact).map(|(x, [y, w])| w * (x - y).powi(2)).sum();
+    (top / exact.iter().map(|[y, w]| w * y * y).sum::<f64>()).sqrt()
 }
 
 /// M3500 without the loops, and with every thirtieth: chains and sections whose ends are junctions.

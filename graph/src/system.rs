@@ -79,7 +79,7 @@ pub enum SystemError {
 }
 
 /// Nodes up to which minimum degree is tried beside the partition.
-const TRY_MINIMUM_DEGREE: usize = 60_000;
+const TRY_MINIMUM_DEGREE: usize = 20_000;
 
 /// A problem made ready to be solved.
 #[derive(Debug)]

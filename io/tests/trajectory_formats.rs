@@ -250,7 +250,7 @@ fn a_bad_trj_is_refused_with_what_was_found() {
     let read = |bytes: &[u8]| trj::read_from(bytes, Path::new("line1.trj")).expect_err("bad").to_string();
     assert!(read(&good[..good.len() - 1]).contains("record 1199 is cut short"));
     assert!(read(&good[..1000]).contains("1376"));
-    assert!(read(b"TSCANXXX").contains("TSCANTRJ"));
+    assert!(read(b"TSCANLAS").contains("TSCANTRJ"));
     assert!(read(b"").contains("empty"));
     for (at, word) in [(8, "version"), (20, "record size"), (19, "number of records")] {
         let mut bad = good.clone();

@@ -115,6 +115,9 @@ impl Settings {
         let time_bin_s = if project.imu.is_some() { 0.5 } else { 8.0 };
         let grid = GridOptions { origin_m: survey.origin_m, cell_bits, time_bin_s, cells_in_memory, filter, rule };
 
+        // from a vehicle a façade is near: its foot and its eaves are seen at ranges that differ by metres
+        let wall_layers = project.imu.is_some().then(|| 2_u32 << levels);
+
         let min_points = m.min_points.unwrap_or(8);
         tell("match.min_points", min_points.to_string(), "a plane with a residual that means something");
         let strips = strip_options(project);
@@ -124,7 +127,7 @@ impl Settings {
             "a gap in time begins a new strip",
         );
 
-        let loose = PatchOptions { levels, min_points, max_roughness_m: 0.15 };
+        let loose = PatchOptions { levels, min_points, max_roughness_m: 0.15, wall_layers };
         let noise_m = sample_noise_m(survey, sample, &grid, strips, &loose)?;
         let max_roughness_m = m.max_roughness_m.unwrap_or_else(|| (2.5 * noise_m).clamp(0.03, 0.08));
         let reason = if m.max_roughness_m.is_some() {
@@ -173,7 +176,7 @@ impl Settings {
         tell("match.hold_out", format!("{hold_out} (seed {seed})"), "by place, to judge the solution");
         Ok(Self {
             grid,
-            patch: PatchOptions { levels, min_points, max_roughness_m },
+            patch: PatchOptions { levels, min_points, max_roughness_m, wall_layers },
             pairing: PairingOptions { search_m, normal_angle_rad, ..defaults },
             limits,
             strips,

@@ -20,6 +20,9 @@ pub struct PatchOptions {
     pub min_points: u32,
     /// Largest standard deviation about the plane \[m\].
     pub max_roughness_m: f64,
+    /// Walls are cut into patches of so many base cells in height: over a whole façade ranges differ by metres, and what a rangefinder errs by
+    /// does not change evenly with them. None: a patch is as high as its wall.
+    pub wall_layers: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +108,7 @@ impl Split<'_> {
         }
         for trial in trials {
             if let Some(patch) = trial.patch {
-                self.patches.push(patch);
+                self.take(patch, &pieces[trial.layers], level);
             } else if level == 0 && trial.layers.len() > 1 && trial.enough_points {
                 let pieces = &pieces[trial.layers];
                 for run in pieces.chunk_by(|a, b| a.layer == b.layer) {
@@ -113,6 +116,23 @@ impl Split<'_> {
                         self.patches.push(patch);
                     }
                 }
+            }
+        }
+    }
+
+    /// Takes the patch of a stack, or those of its parts where it is a wall that is too high.
+    fn take(&mut self, patch: Patch, stack: &[Piece], level: u32) {
+        /// A surface whose normal's height is less is a wall: level faces between its parts do not run along it.
+        const WALL: f64 = 0.5;
+        let of_layer = |p: &Piece| self.options.wall_layers.map_or(0, |n| p.layer.div_euclid(n.max(1).cast_signed()));
+        let parts = stack.chunk_by(|a, b| of_layer(a) == of_layer(b));
+        if patch.normal.z.abs() >= WALL || parts.clone().count() < 2 {
+            self.patches.push(patch);
+            return;
+        }
+        for part in parts {
+            if let Some(patch) = self.plane(part, level, patch.sighting) {
+                self.patches.push(patch);
             }
         }
     }
@@ -185,5 +205,54 @@ impl Split<'_> {
             let to_face_m = in_cell.min(cell_m - in_cell) * along;
             along < 0.8 || to_face_m > 4.0 * patch.roughness_m + 0.02
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::block::{PointFilter, ScannerField, SourceKey, SourceRule};
+    use crate::cell::{CellKey, Place};
+    use crate::sketch::{SightingRun, Sketches};
+    use crate::strip::StripOptions;
+
+    /// Cells of 0.25 m of a wall that stands at x = 0.1 m, 0.25 m wide and 6 m high, with a step of 2 mm to and fro.
+    fn wall(source: SourceKey) -> Vec<Cell> {
+        (0..24_i32)
+            .map(|layer| {
+                let mut moments = Moments::default();
+                for k in 0..40_i64 {
+                    let step = if k % 2 == 0 { 33 } else { -33 };
+                    moments.add([1_638 + step, (k % 8) * 500, (k / 8) * 800], k, 9);
+                }
+                let place = Place::new(0, 0, i64::from(layer)).expect("inside");
+                Cell { key: CellKey { place, source, bin: 0 }, moments }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_high_wall_is_cut_where_it_is_asked_for() {
+        let source = SourceKey::new(0, 0, 0);
+        let mut sketches = Sketches::default();
+        [0.0, 0.4].iter().for_each(|time_s| sketches.see(&SightingRun::new(source, *time_s)));
+        let strips = StripIndex::new(&sketches.into_sorted(), StripOptions::default(), |_, _, _| String::from("1"));
+        let grid = GridOptions {
+            origin_m: [0.0; 3],
+            cell_bits: 12,
+            time_bin_s: 0.5,
+            cells_in_memory: 1_000,
+            filter: PointFilter::default(),
+            rule: SourceRule { by_file: false, by_point_source_id: false, scanner: ScannerField::Single },
+        };
+        let heights_m = |wall_layers| -> Vec<f64> {
+            let options = PatchOptions { levels: 0, min_points: 8, max_roughness_m: 0.03, wall_layers };
+            let patches = patches_of_tile(&wall(source), &grid, &strips, &options);
+            patches.iter().map(|p| 2.0 * p.half_extent_m()[0]).collect()
+        };
+        let whole = heights_m(None);
+        assert!(whole.len() == 1 && (whole[0] - 6.0).abs() < 0.1, "{whole:?}");
+        let cut = heights_m(Some(4));
+        assert!(cut.len() == 6 && cut.iter().all(|h| (h - 1.0).abs() < 0.1), "{cut:?}");
     }
 }

@@ -7,10 +7,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use nalgebra::Vector2;
 use tieline_filter::{FilterTie, TieKind, Trajectory};
 
 use super::merge::{Part, are_like, ends, merged};
-use super::ties::DriveLine;
+use super::ties::{DriveLine, End};
 
 /// The choice.
 #[derive(Debug, Clone, Default)]
@@ -29,19 +30,25 @@ const INCREMENT_SHARE: f64 = 0.45;
 /// Lines whose ends are further apart in time than this are not made one tie \[s\].
 const MERGED_S: f64 = 0.5;
 
-/// Chooses for a number of live states. The trajectory is that which the strips were made with; `clock_shift_s` leads from its clock to
+/// Chooses for a number of live states, strays left out. The trajectory is that which the strips were made with; `clock_shift_s` leads from its clock to
 /// the smoother's.
 #[must_use]
 #[allow(clippy::cast_precision_loss)]
-pub fn choose(lines: &[DriveLine], most_live: usize, trajectory: &Trajectory, clock_shift_s: f64) -> Chosen {
+pub fn choose(
+    lines: &[DriveLine],
+    strays: &BTreeSet<Part>,
+    most_live: usize,
+    trajectory: &Trajectory,
+    clock_shift_s: f64,
+) -> Chosen {
     let mut loops = Vec::new();
     let mut increments = Vec::new();
     for (i, line) in lines.iter().enumerate().filter(|(_, l)| !l.held_out) {
-        if line.visits() > 1 {
+        if line.visits() > 1 && !strays.contains(&(i, None)) {
             loops.push(Candidate::new(line, (i, None)));
         }
         for visit in 0..line.visits() {
-            if ends(line, Some(visit)).count() > 1 {
+            if ends(line, Some(visit)).count() > 1 && !strays.contains(&(i, Some(visit))) {
                 increments.push(Candidate::new(line, (i, Some(visit))));
             }
         }
@@ -96,16 +103,19 @@ impl Candidate {
             last_s,
             variance_m2: variance_m2 / count,
             position_sigma_m,
-            // loop ties bind the trajectory: their ranges do not matter
-            kind: (direction_class(line), if part.1.is_some() { seen } else { Vec::new() }),
+            // loop ties bind the trajectory: their ranges do not matter, but from where they were seen does
+            kind: (direction_class(line), if part.1.is_some() { seen } else { vec![(0, turned_class(line))] }),
         }
     }
 }
 
+/// Height of a level surface's normal, at least.
+const LEVEL: f64 = 0.7;
+
 /// Level, or the direction of a steep surface from the vehicle in eighths of a half turn.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn direction_class(line: &DriveLine) -> u8 {
-    if line.normal_up.abs() > 0.7 {
+pub(super) fn direction_class(line: &DriveLine) -> u8 {
+    if line.normal_up.abs() > LEVEL {
         return 0;
     }
     let azimuth = line.normal_body.y.atan2(line.normal_body.x).rem_euclid(std::f64::consts::PI);
@@ -116,6 +126,17 @@ fn direction_class(line: &DriveLine) -> u8 {
 const WELL_KNOWN_SPACING: f64 = 6.0;
 /// Of the standard deviations of loop ties, this many times the least still count as well known.
 const WELL_KNOWN: f64 = 2.0;
+
+/// Whether one scanner saw a surface from another side in another visit: ahead and abeam, or from the other way. Only such ties tell a scanner's roll from its pitch,
+/// and they are rare.
+fn turned_class(line: &DriveLine) -> u8 {
+    let level = |e: &End| Vector2::new(e.delivered_m.x, e.delivered_m.y).normalize();
+    let pairs = line.ends.iter().enumerate().flat_map(|(k, a)| line.ends[k + 1..].iter().map(move |b| (a, b)));
+    let apart =
+        pairs.filter(|(a, b)| a.visit != b.visit && a.scanner == b.scanner).map(|(a, b)| level(a).dot(&level(b)));
+    let least = apart.fold(1.0, f64::min);
+    u8::from(least < 0.7) + u8::from(least < -0.3)
+}
 
 /// Half doublings of the range.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

@@ -31,10 +31,10 @@ impl Known {
     #[must_use]
     pub fn applied(&self, beam: &Beam, lever_arm_m: &Vector3<f64>) -> Beam {
         let ray_m = Rotation3::new(self.boresight_rad) * (beam.body_vector_m - lever_arm_m);
-        let range_m = ray_m.norm().max(1e-3);
-        let longer = self.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum::<f64>() / range_m;
+        let longer = |range_m: f64| self.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum();
+        let longer_m = beam.patch.mean_m(&ray_m, longer);
         let moved = (beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)) * self.latency_s;
-        Beam { body_vector_m: lever_arm_m + self.lever_arm_m + ray_m * (1.0 + longer) + moved, ..*beam }
+        Beam { body_vector_m: lever_arm_m + self.lever_arm_m + ray_m + longer_m + moved, ..*beam }
     }
 }
 
@@ -172,6 +172,7 @@ fn body_from_scanner(scanner: &ScannerSection) -> UnitQuaternion<f64> {
 mod tests {
     use super::*;
     use crate::project::parse_str;
+    use crate::stage::drive::constants::Spread;
 
     const PLATFORM: &str = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.0, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
                             boresight_deg = [0.1, 0.0, 0.0]\n";
@@ -187,6 +188,7 @@ mod tests {
             body_vector_m: Vector3::new(4.0, -3.0, 2.0),
             velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
             rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
+            patch: Spread::default(),
         }
     }
 

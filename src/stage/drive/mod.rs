@@ -11,8 +11,11 @@ pub mod known;
 pub mod merge;
 pub mod need;
 pub mod residuals;
+pub mod stray;
 pub mod ties;
 pub mod variance;
+
+use std::collections::BTreeSet;
 
 use anyhow::{Context, Result, bail};
 use tieline_filter::time::SECONDS_PER_WEEK;
@@ -109,7 +112,7 @@ pub fn solve(
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
     options.ties.most_live = MOST_LIVE;
     let mut verdicts: Vec<Verdict> = Vec::new();
-    let (mut factors, mut rounds) = (Factors::default(), 0);
+    let (mut factors, mut rounds, mut strays) = (Factors::default(), 0, BTreeSet::new());
     // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
     loop {
         let constants = Constants::new(project, known, &ranges_m, |scanner, term| {
@@ -118,16 +121,19 @@ pub fn solve(
         let (lines, chosen) = clock.time("choose", || {
             let mut lines = lines(matched, crs, &constants, shift_s)?;
             factors.apply(&mut lines);
-            let chosen = choose(&lines, MOST_LIVE, delivered, shift_s);
+            let chosen = choose(&lines, &strays, MOST_LIVE, delivered, shift_s);
             anyhow::Ok((lines, chosen))
         })?;
         options.calibration_covariance = constants.covariance();
         let inputs = Inputs { ties: chosen.ties.clone(), ..measurements.inputs.clone() };
         let solution = clock.time("smoother", || smooth(project, &inputs, &options))?;
+        let geodetic = solution.trajectory(&inputs, 0.0)?;
+        let trajectory = crs.to_map(&geodetic)?.shifted_in_time(-shift_s);
         let found = factors.after(&solution.tie_fits, &lines, &chosen);
-        if rounds < MOST_ROUNDS && !found.is_near(&factors) {
+        if rounds < MOST_ROUNDS && (rounds == 0 || !found.is_near(&factors)) {
             rounds += 1;
             factors = found;
+            strays = stray::find(&lines, &solution.calibration.value, &trajectory, shift_s);
             continue;
         }
         let judged = judge(&constants, &solution.calibration);
@@ -140,10 +146,12 @@ pub fn solve(
         verdicts.sort_by_key(|v| (v.scanner, v.term));
         let mut notes = notes_of(&chosen, &solution, &verdicts);
         notes.extend(factors.note());
+        notes.push(format!(
+            "{} lines that say something else than others of their kind about them were left out",
+            strays.len()
+        ));
         notes.extend(of_platform);
         notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
-        let geodetic = solution.trajectory(&inputs, 0.0)?;
-        let trajectory = crs.to_map(&geodetic)?.shifted_in_time(-shift_s);
         return Ok(DriveSolution {
             solution,
             inputs,

@@ -11,7 +11,7 @@ use tieline_filter::{FilterTie, Pose, Sighting, TieKind, Trajectory};
 use tieline_io::crs::Crs;
 use tieline_matching::{Patch, measure};
 
-use super::constants::{Beam, Constants};
+use super::constants::{Beam, Constants, Spread};
 use crate::job::Matched;
 
 pub use tieline_filter::TieClass as Class;
@@ -182,33 +182,63 @@ fn beam_of(
             body_vector_m: pose.body_vector_m(feature_m),
             velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
             rate_body_radps: turned.scaled_axis() / step_s,
+            patch: Spread::default(),
         };
         Some((pose, beam))
     };
+    let (axis, lever_arm_m) = (constants.axis(scanner), constants.lever_arm_m(scanner));
     let (pose, beam) = at(patch.time_s)?;
-    let later_s =
-        passing_s(&beam, &pose.body_vector_m(centroid_m), &constants.axis(scanner), &constants.lever_arm_m(scanner));
-    if later_s == 0.0 {
-        return Some((pose, beam));
-    }
-    at(patch.time_s + later_s).or(Some((pose, beam)))
+    let centroid_body_m = pose.body_vector_m(centroid_m);
+    let speed_mps = passing_mps(&beam, &centroid_body_m, &axis, &lever_arm_m);
+    let later_s = speed_mps.map_or(0.0, |speed| passing_s(&beam, &centroid_body_m, &axis, speed));
+    let (pose, beam) = if later_s == 0.0 { (pose, beam) } else { at(patch.time_s + later_s).unwrap_or((pose, beam)) };
+    // a ray of what is passed along the way does not become longer: it is measured later, from further on
+    let step_m = |direction: &Vector3<f64>, spread_m: f64| {
+        let step_m = pose.body_vector_m(&(pose.position + direction * spread_m));
+        step_m - speed_mps.map_or_else(Vector3::zeros, |speed| motion_mps(&beam) * (axis.dot(&step_m) / speed))
+    };
+    let off_m = feature_m - centroid_m;
+    let axes = [patch.long_axis, patch.cross_axis()];
+    let patch = Spread {
+        rays_m: std::array::from_fn(|k| step_m(&axes[k], patch.spread_m[k])),
+        feature: std::array::from_fn(|k| {
+            (off_m.dot(&axes[k]) / patch.spread_m[k].max(1e-3)).clamp(-FARTHEST, FARTHEST)
+        }),
+    };
+    Some((pose, Beam { patch, ..beam }))
+}
+
+/// So many standard deviations of its points a feature may lie from a patch's centroid: planes are not extrapolated beyond their patches.
+const FARTHEST: f64 = 2.0;
+
+/// Speed of a profile scanner's plane over the surface, along its axis k: `k · (v + ω × l)` \[m/s\]; none where the scanner is no profile scanner about
+/// this axis (the ray to the centroid leaves the plane across it), or the plane passes nothing.
+fn passing_mps(
+    beam: &Beam,
+    centroid_body_m: &Vector3<f64>,
+    axis: &Vector3<f64>,
+    lever_arm_m: &Vector3<f64>,
+) -> Option<f64> {
+    /// Rays of a profile scanner leave the plane across its axis by less than this share.
+    const IN_PLANE: f64 = 0.1;
+    /// Slower than this the plane passes nothing \[m/s\].
+    const SLOWEST_MPS: f64 = 0.5;
+    let ray_m = centroid_body_m - lever_arm_m;
+    let speed_mps = axis.dot(&motion_mps(beam));
+    (axis.dot(&ray_m).abs() <= IN_PLANE * ray_m.norm() && speed_mps.abs() >= SLOWEST_MPS).then_some(speed_mps)
+}
+
+/// How fast a feature goes by in the body frame, with its sign changed: `v + ω × l` \[m/s\].
+fn motion_mps(beam: &Beam) -> Vector3<f64> {
+    beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)
 }
 
 /// How much later than a patch's centroid a profile scanner passed its feature \[s\]: the patch's mean time is that of the centroid, and a
 /// beam of that time that leads to the feature is of another length than the one that measured it. With the axis k, the rays r of feature
 /// and centroid and the feature's velocity in the body frame, `k · (r_f - r_c) = τ k · (v + ω × l)`.
-fn passing_s(beam: &Beam, centroid_body_m: &Vector3<f64>, axis: &Vector3<f64>, lever_arm_m: &Vector3<f64>) -> f64 {
-    /// Rays of a profile scanner leave the plane across its axis by less than this share.
-    const IN_PLANE: f64 = 0.1;
-    /// Slower than this the plane passes nothing \[m/s\].
-    const SLOWEST_MPS: f64 = 0.5;
+fn passing_s(beam: &Beam, centroid_body_m: &Vector3<f64>, axis: &Vector3<f64>, speed_mps: f64) -> f64 {
     /// Patches are of a moment \[s\].
     const LONGEST_S: f64 = 0.25;
-    let ray_m = centroid_body_m - lever_arm_m;
-    let speed_mps = axis.dot(&(beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)));
-    if axis.dot(&ray_m).abs() > IN_PLANE * ray_m.norm() || speed_mps.abs() < SLOWEST_MPS {
-        return 0.0;
-    }
     let later_s = axis.dot(&(beam.body_vector_m - centroid_body_m)) / speed_mps;
     if later_s.abs() <= LONGEST_S { later_s } else { 0.0 }
 }
@@ -229,12 +259,19 @@ mod tests {
         let turned = nalgebra::Rotation3::new(rate * later_s);
         let travelled = (velocity + rate.cross(&velocity) * (0.5 * later_s)) * later_s;
         let feature = travelled + turned * (centroid + Vector3::new(0.0, 0.0, 0.2));
-        let beam = Beam { scanner: 0, body_vector_m: feature, velocity_body_mps: velocity, rate_body_radps: rate };
-        let found = passing_s(&beam, &centroid, &axis, &lever_arm_m);
+        let beam = Beam {
+            scanner: 0,
+            body_vector_m: feature,
+            velocity_body_mps: velocity,
+            rate_body_radps: rate,
+            patch: Spread::default(),
+        };
+        let speed_mps = passing_mps(&beam, &centroid, &axis, &lever_arm_m).expect("it passes");
+        let found = passing_s(&beam, &centroid, &axis, speed_mps);
         assert!((found - later_s).abs() < 0.02 * later_s, "{found}");
         let at_rest = Beam { velocity_body_mps: Vector3::zeros(), rate_body_radps: Vector3::zeros(), ..beam };
-        assert!(passing_s(&at_rest, &centroid, &axis, &lever_arm_m).abs() < 1e-12);
+        assert!(passing_mps(&at_rest, &centroid, &axis, &lever_arm_m).is_none());
         // no profile scanner about this axis
-        assert!(passing_s(&beam, &centroid, &Vector3::z(), &lever_arm_m).abs() < 1e-12);
+        assert!(passing_mps(&beam, &centroid, &Vector3::z(), &lever_arm_m).is_none());
     }
 }

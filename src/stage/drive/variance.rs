@@ -3,15 +3,25 @@
 //! The sigma of a patch counts its points as independent above a floor; what points of a scanner have in common, and what a
 //! surface is not, differ from drive to drive. With the smoothed residual e of a sighting, its variance of measurement R and
 //! redundancy r, `Σ eᵀ R⁻¹ e / Σ r` estimates the factor of the variance (Förstner, *Ein Verfahren zur Schätzung von Varianz- und
-//! Kovarianzkomponenten*, AVN 86 (1979) 446–453), for level and steep surfaces, increments and loops apart.
+//! Kovarianzkomponenten*, AVN 86 (1979) 446–453), for level, steep, and far steep surfaces, increments and loops apart.
 
 use tieline_filter::TieFit;
 
 use super::choose::Chosen;
 use super::ties::DriveLine;
 
-/// Kinds of ties that have a factor of their own: increments and loops, of level and of steep surfaces.
-pub const KINDS: [&str; 4] = ["increments, level", "increments, steep", "loops, level", "loops, steep"];
+/// Kinds of ties that have a factor of their own: increments and loops, of level surfaces, of steep ones, and of steep ones far away, where few
+/// points stand for much wall.
+pub const KINDS: [&str; 6] = [
+    "increments, level",
+    "increments, steep",
+    "increments, steep and far",
+    "loops, level",
+    "loops, steep",
+    "loops, steep and far",
+];
+/// From here on a wall is far \[m\].
+const FAR_M: f64 = 20.0;
 /// Least sum of redundancies that a factor is estimated from.
 const LEAST_REDUNDANCY: f64 = 30.0;
 /// Factors of the variance that are believed.
@@ -31,7 +41,9 @@ impl Default for Factors {
 
 /// Kind of a line.
 fn kind(line: &DriveLine) -> usize {
-    2 * usize::from(line.visits() > 1) + usize::from(line.normal_up.abs() <= 0.7)
+    let is_far = line.ends.iter().any(|e| e.range_m > FAR_M);
+    let surface = if line.normal_up.abs() > 0.7 { 0 } else { 1 + usize::from(is_far) };
+    3 * usize::from(line.visits() > 1) + surface
 }
 
 impl Factors {

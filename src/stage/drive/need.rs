@@ -5,6 +5,7 @@
 //! at all keeps its standard deviation beforehand; such a term is never needed.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 use tieline_filter::CalibrationEstimate;
 use tieline_filter::innovation::chi_squared_limit;
 
@@ -16,7 +17,7 @@ const FALSE_ALARM: f64 = 0.001;
 const NOT_SEEN: f64 = 0.7;
 
 /// What is to be said of a term.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Scanner, 0-based.
     pub scanner: usize,
@@ -25,6 +26,7 @@ pub struct Verdict {
     /// Whether it is estimated.
     pub needed: bool,
     /// `vᵀ Σ⁻¹ v` of the term over its limit.
+    #[serde(deserialize_with = "crate::report::nullable::number")]
     pub ratio: f64,
     /// Directions of it that the data do not see.
     pub not_seen: usize,

@@ -80,6 +80,33 @@ fn the_stages_of_a_drive_give_what_run_gives() {
 }
 
 #[test]
+fn held_out_ties_take_no_part_and_show_the_gain_over_range() {
+    let files = &staged().1;
+    let text = String::from_utf8_lossy(&files["ties.csv"]).into_owned();
+    let mut lines = text.lines();
+    let columns: Vec<&str> = lines.next().expect("a head").split(',').collect();
+    let column = |name: &str| columns.iter().position(|c| *c == name).expect("a column");
+    let (used, held) = (column("used"), column("held_out"));
+    let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
+    let is = |row: &[&str], at: usize| matches!(row[at], "true" | "1");
+    let count = rows.iter().filter(|r| is(r, held)).count();
+    assert!(count * 10 > rows.len() && count * 3 < rows.len(), "{count} of {}", rows.len());
+    assert!(rows.iter().all(|r| !(is(r, held) && is(r, used))), "a tie that was held out was used");
+    let summary = timeless(&files["summary.json"]);
+    let over = summary["difference_over"].as_array().expect("a list");
+    for axis in ["range", "lateral distance"] {
+        let worst = |stage: &str| -> f64 {
+            let mine =
+                over.iter().find(|d| d["class"] == "scanner to scanner" && d["over"] == axis && d["held_out"] == true);
+            let bins = mine.expect("held-out ties")[stage].as_array().expect("bins");
+            assert!(bins.len() > 3, "{bins:?}");
+            bins.iter().map(|b| b["median_m"].as_f64().expect("a number").abs()).fold(0.0, f64::max)
+        };
+        assert!(worst("after") < 0.5 * worst("before"), "{axis}: {} {}", worst("before"), worst("after"));
+    }
+}
+
+#[test]
 fn corrections_of_a_drive_can_be_taken_off_again() {
     let (bench, before) = staged();
     let corrected = ["pass1.laz", "pass2.laz"].map(|name| format!("out/corrected/{name}"));

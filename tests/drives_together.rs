@@ -15,7 +15,10 @@ use tieline::stage::navigate::load;
 use tieline_filter::CalibrationEstimate;
 use tieline_filter::innovation::chi_squared_limit;
 
-/// One lap round a block by two scanners, with boresights and range biases of [`truth`]; half of the drives go the other way.
+/// Of scanner 0.
+const BORESIGHT: &str = "boresight_error_deg = [0.05, -0.08, 0.06]";
+
+/// One lap round a block by two scanners with boresights that a lap tells from nothing; half of the drives go the other way.
 fn simulate(bench: &Bench, name: &str, seed: u32) -> String {
     let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/scenarios/loop.toml"))
         .expect("the scenario");
@@ -27,8 +30,12 @@ fn simulate(bench: &Bench, name: &str, seed: u32) -> String {
         .replace(lap, "")
         .replace("[[drive.stop]]", &format!("[[drive.lap]]\nnodes = [\"begin\", {way}, \"begin\"]\n\n[[drive.stop]]"))
         .replace(outage, "")
+        .replace("pulse_rate_hz = 3000.0\nprofile_rate_hz = 25.0", "pulse_rate_hz = 6000.0\nprofile_rate_hz = 50.0")
+        .replace("boresight_error_deg = [0.014, -0.028, 0.019]", BORESIGHT)
+        .replace("boresight_error_deg = [-0.030, -0.024, -0.026]", "boresight_error_deg = [-0.09, -0.07, -0.08]")
         .replace("\nseed = 5", &format!("\nseed = {seed}"))
         .replace("scene_seed = 3", &format!("scene_seed = {}", 100 + seed));
+    assert!(text.contains("6000.0") && text.contains(BORESIGHT) && text.contains("-0.08]"), "the scenario has changed");
     std::fs::write(bench.path(&format!("{name}_scenario.toml")), text).expect("written");
     bench.tieline(&["simulate", &format!("{name}_scenario.toml"), "--out", name, "-q"]).assert_success();
     let project = format!("{name}/{name}.toml");
@@ -75,7 +82,7 @@ fn found(bench: &Bench, folder: &str, drive: &str) -> Vec<Found> {
     };
     let biases = curve(&read(format!("{folder}/range_bias.csv")), 0);
     let truth = curve(&read(format!("{drive}/truth/bias_functions.csv")), 1);
-    for range in ["3.00", "5.00", "7.00", "9.00", "12.00", "16.00", "20.00"] {
+    for range in ["3.00", "4.00", "5.00", "6.00"] {
         let two = |table: &std::collections::BTreeMap<(u32, String), (f64, f64)>| {
             [0, 1].map(|s| table[&(s, range.to_string())])
         };
@@ -140,16 +147,16 @@ fn two_drives_tell_more_of_their_scanners_than_each_alone() {
 #[test]
 fn drives_that_contradict_each_other_are_named() {
     let bench = Bench::new();
-    let (monday, friday) = (simulate(&bench, "monday", 11), simulate(&bench, "friday", 12));
+    let monday = simulate(&bench, "monday", 11);
+    simulate(&bench, "friday", 12);
     // another vehicle: the signs of all its errors are the other way
     let scenario = std::fs::read_to_string(bench.path("friday_scenario.toml")).expect("a scenario");
     let other = scenario
-        .replace("boresight_error_deg = [0.014, -0.028, 0.019]", "boresight_error_deg = [-0.014, 0.028, -0.019]")
+        .replace(BORESIGHT, "boresight_error_deg = [-0.05, 0.08, -0.06]")
         .replace("height_m = -0.009", "height_m = 0.006");
     assert_ne!(other, scenario);
     std::fs::write(bench.path("friday_scenario.toml"), other).expect("written");
     bench.tieline(&["simulate", "friday_scenario.toml", "--out", "friday", "--overwrite", "-q"]).assert_success();
-    let _ = friday;
     let ran = bench.tieline(&["calibrate", &monday, "friday/project.toml", "--out", "both"]);
     ran.assert_success();
     assert!(ran.err.contains("monday and project contradict each other"), "{}", ran.err);
@@ -168,7 +175,7 @@ fn estimate(bench: &Bench, project: &str, ranges_m: &[(f64, f64)]) -> (Constants
     (adjusted.constants, adjusted.solution.calibration)
 }
 
-/// Boresight of scanner 1 less scanner 0 \[rad\], and what each range bias bends by against 10 m \[m\]: errors over their sigmas.
+/// Boresight of scanner 1 less scanner 0 \[rad\], and what each range bias bends by against 5 m \[m\]: errors over their sigmas.
 fn ratios(constants: &Constants, estimate: &CalibrationEstimate, truth: &toml::Table, curves: &str) -> Vec<f64> {
     let n = estimate.value.len();
     let ratio = |row: &[(usize, f64)], truth: f64| {
@@ -192,14 +199,14 @@ fn ratios(constants: &Constants, estimate: &CalibrationEstimate, truth: &toml::T
         curves.lines().find_map(|l| l.strip_prefix(&key)).expect("a range").parse().expect("a bias")
     };
     for scanner in 0..2 {
-        for range_m in [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 14.0, 18.0] {
+        for range_m in [3.0, 4.0, 6.0, 7.0, 8.0] {
             let mut row = Vec::new();
-            for (at_m, sign) in [(range_m, 1.0), (10.0, -1.0)] {
+            for (at_m, sign) in [(range_m, 1.0), (5.0, -1.0)] {
                 let (knot, weights) = constants.splines[scanner].weights(at_m);
                 row.extend(weights.iter().enumerate().map(|(k, w)| (first(scanner, Term::Range) + knot + k, sign * w)));
             }
             // a correction is the bias with its sign changed
-            all.push(ratio(&row, bias(scanner, 10.0) - bias(scanner, range_m)));
+            all.push(ratio(&row, bias(scanner, 5.0) - bias(scanner, range_m)));
         }
     }
     all

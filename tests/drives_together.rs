@@ -16,114 +16,89 @@ use tieline_filter::CalibrationEstimate;
 use tieline_filter::innovation::chi_squared_limit;
 
 /// Of scanner 0.
-const BORESIGHT: &str = "boresight_error_deg = [0.05, -0.08, 0.06]";
+const BORESIGHT: &str = "boresight_error_deg = [0.014, -0.028, 0.019]";
 
-/// One lap round a block by two scanners with boresights that a lap tells from nothing; half of the drives go the other way.
+/// One lap round a block by two scanners; half of the drives go the other way.
 fn simulate(bench: &Bench, name: &str, seed: u32) -> String {
+    simulate_with(bench, name, seed, |text| text)
+}
+
+/// The same of a scenario that is changed.
+fn simulate_with(bench: &Bench, name: &str, seed: u32, change: impl Fn(String) -> String) -> String {
     let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/scenarios/loop.toml"))
         .expect("the scenario");
     let lap = "[[drive.lap]]\nnodes = [\"begin\", \"a\", \"b\", \"c\", \"d\", \"begin\"]\n\n";
     let outage = "[[gnss.outage]]\nstart_s = 68.0\nlength_s = 46.0\n\n";
     assert!(text.matches(lap).count() == 2 && text.contains(outage), "the scenario has changed");
-    let way = if seed % 2 == 0 { "\"d\", \"c\", \"b\", \"a\"" } else { "\"a\", \"b\", \"c\", \"d\"" };
+    let way = if seed.is_multiple_of(2) { "\"d\", \"c\", \"b\", \"a\"" } else { "\"a\", \"b\", \"c\", \"d\"" };
     let text = text
         .replace(lap, "")
         .replace("[[drive.stop]]", &format!("[[drive.lap]]\nnodes = [\"begin\", {way}, \"begin\"]\n\n[[drive.stop]]"))
         .replace(outage, "")
-        .replace("pulse_rate_hz = 3000.0\nprofile_rate_hz = 25.0", "pulse_rate_hz = 6000.0\nprofile_rate_hz = 50.0")
-        .replace("boresight_error_deg = [0.014, -0.028, 0.019]", BORESIGHT)
-        .replace("boresight_error_deg = [-0.030, -0.024, -0.026]", "boresight_error_deg = [-0.09, -0.07, -0.08]")
         .replace("\nseed = 5", &format!("\nseed = {seed}"))
         .replace("scene_seed = 3", &format!("scene_seed = {}", 100 + seed));
-    assert!(text.contains("6000.0") && text.contains(BORESIGHT) && text.contains("-0.08]"), "the scenario has changed");
-    std::fs::write(bench.path(&format!("{name}_scenario.toml")), text).expect("written");
+    assert!(text.contains(BORESIGHT), "the scenario has changed");
+    std::fs::write(bench.path(&format!("{name}_scenario.toml")), change(text)).expect("written");
     bench.tieline(&["simulate", &format!("{name}_scenario.toml"), "--out", name, "-q"]).assert_success();
     let project = format!("{name}/{name}.toml");
     std::fs::rename(bench.path(&format!("{name}/project.toml")), bench.path(&project)).expect("renamed");
     project
 }
 
-/// A value of a calibration with its sigma and its truth.
-#[derive(Debug)]
-struct Found {
-    name: String,
-    value: f64,
-    sigma: f64,
-    truth: f64,
-}
-
-/// Boresight of scanner 1 less that of scanner 0 \[deg\], and range biases of both \[m\].
-fn found(bench: &Bench, folder: &str, drive: &str) -> Vec<Found> {
-    let read = |path: String| std::fs::read_to_string(bench.path(&path)).expect("there");
-    let table: toml::Table = read(format!("{folder}/calibration.toml")).parse().expect("TOML");
-    let truth: toml::Table = read(format!("{drive}/truth/calibration_true.toml")).parse().expect("TOML");
-    let number = |v: &toml::Value| v.as_float().expect("a number");
-    let of = |scanner: &str, axis: usize| number(&truth[scanner]["misalignment_body_deg"][axis]);
-    let relative = table["relative"].as_array().expect("relative values").iter();
-    let mut all = Vec::new();
-    for row in relative {
-        let name = row["name"].as_str().expect("a name").to_string();
-        let Some(axis) = ["boresight x", "boresight y", "boresight z"].iter().position(|n| *n == name) else {
-            continue;
-        };
-        let truth = of("scanner2", axis) - of("scanner1", axis);
-        all.push(Found { name, value: number(&row["value"]), sigma: number(&row["sigma"]), truth });
-    }
-    let curve = |text: &str, first: u32| -> std::collections::BTreeMap<(u32, String), (f64, f64)> {
-        let rows = text.lines().skip(1).map(|l| {
-            let f: Vec<&str> = l.split(',').collect();
-            let sigma = f.get(3).map_or(0.0, |s| s.parse().expect("a sigma"));
-            (
-                (f[0].parse::<u32>().expect("a scanner") - first, f[1].to_string()),
-                (f[2].parse().expect("a bias"), sigma),
-            )
-        });
-        rows.collect()
-    };
-    let biases = curve(&read(format!("{folder}/range_bias.csv")), 0);
-    let truth = curve(&read(format!("{drive}/truth/bias_functions.csv")), 1);
-    for range in ["3.00", "4.00", "5.00", "6.00"] {
-        let two = |table: &std::collections::BTreeMap<(u32, String), (f64, f64)>| {
-            [0, 1].map(|s| table[&(s, range.to_string())])
-        };
-        let (b, t) = (two(&biases), two(&truth));
-        for s in 0..2 {
-            let name = format!("bias of scanner {s} at {range} m");
-            all.push(Found { name, value: b[s].0, sigma: b[s].1, truth: t[s].0 });
-        }
-    }
-    all
-}
-
 fn calibrate(bench: &Bench, projects: &[&str], out: &str) -> serde_json::Value {
     bench.tieline(&[&["calibrate"], projects, &["--out", out, "--json"]].concat()).json()
+}
+
+/// Whether a term is estimated.
+fn term<'a>(summary: &'a serde_json::Value, name: &str) -> &'a serde_json::Value {
+    let terms = summary["calibration"]["terms"].as_array().expect("terms");
+    &terms.iter().find(|t| t["name"] == name).expect("judged")["estimated"]
+}
+
+/// True mounting, and true range biases, of a simulated drive.
+fn truth_of(bench: &Bench, name: &str) -> (toml::Table, String) {
+    let read = |file: &str| std::fs::read_to_string(bench.path(name).join("truth").join(file)).expect("truth");
+    (read("calibration_true.toml").parse().expect("TOML"), read("bias_functions.csv"))
 }
 
 #[test]
 fn two_drives_tell_more_of_their_scanners_than_each_alone() {
     let bench = Bench::new();
     let (monday, friday) = (simulate(&bench, "monday", 11), simulate(&bench, "friday", 12));
-    calibrate(&bench, &[&monday], "of_monday");
-    calibrate(&bench, &[&friday], "of_friday");
+    // two boresights are there, and one lap alone does not tell them from nothing
+    let alone = calibrate(&bench, &[&monday], "of_monday");
+    assert_eq!(term(&alone, "boresight"), false, "{alone}");
     let summary = calibrate(&bench, &[&monday, &friday], "of_both");
+    assert_eq!(term(&summary, "boresight"), true, "{summary}");
     let drives = summary["drives"].as_array().expect("drives");
     assert_eq!(drives.iter().map(|d| d["name"].as_str().expect("a name")).collect::<Vec<_>>(), ["monday", "friday"]);
     assert!(drives.iter().all(|d| d["agrees"] == true && d["degrees_of_freedom"].as_u64() > Some(3)), "{summary}");
     assert!(bench.path("of_both/monday/stages/match.json").is_file());
-    let [a, b, both] = ["of_monday", "of_friday", "of_both"].map(|folder| found(&bench, folder, "monday"));
-    assert!(both.iter().filter(|f| f.name.starts_with("boresight")).count() == 3, "{both:?}");
-    for ((a, b), both) in a.iter().zip(&b).zip(&both) {
-        assert!(both.sigma < a.sigma && both.sigma < b.sigma, "{a:?} {b:?} {both:?}");
-        assert!((both.value - both.truth).abs() < 4.0 * both.sigma, "{both:?}");
+    // with all terms: every sigma is below that of each drive, and the truth lies within four of them
+    let ranges_m = [(2.0, 45.0), (2.0, 45.0)];
+    let each = [&monday, &friday].map(|project| estimate(&bench, project, &ranges_m));
+    let constants = &each[0].0;
+    let n = constants.count();
+    let prior = nalgebra::DMatrix::from_row_slice(n, n, &constants.covariance());
+    let both = combine(&prior, &[&each[0].1, &each[1].1]).expect("combined").estimate;
+    for k in 0..n {
+        let [a, b] = [&each[0].1, &each[1].1].map(|e| e.sigma(k));
+        assert!(both.sigma(k) <= a.min(b) * (1.0 + 1e-9), "constant {k}: {} {a} {b}", both.sigma(k));
     }
+    let boresight = |e: &CalibrationEstimate| -> f64 {
+        let first = [0, 1].map(|s| constants.first(s, Term::Boresight).expect("estimated"));
+        first.iter().flat_map(|f| (0..3).map(move |k| f + k)).map(|k| e.sigma(k).powi(2)).sum::<f64>().sqrt()
+    };
+    assert!(boresight(&both) < 0.95 * boresight(&each[0].1).min(boresight(&each[1].1)));
+    let (truth, curves) = truth_of(&bench, "monday");
+    let ratios = ratios(constants, &both, &truth, &curves);
+    assert!(ratios.len() > 10 && ratios.iter().all(|r| r.abs() < 4.0), "{ratios:?}");
     // it can be taken as known, for a drive alone
     let text = std::fs::read_to_string(bench.path(&friday)).expect("a project");
     let known = text + "\n[calibrate]\nknown = \"../of_both/calibration.toml\"\n";
     std::fs::write(bench.path("friday/known.toml"), known).expect("written");
     let again = calibrate(&bench, &["friday/known.toml"], "again");
-    let terms = again["calibration"]["terms"].as_array().expect("terms");
-    let boresight = terms.iter().find(|t| t["name"] == "boresight").expect("judged");
-    assert_eq!(boresight["estimated"], false, "nothing is left to be found: {again}");
+    assert_eq!(term(&again, "boresight"), false, "nothing is left to be found: {again}");
 
     // a scanner that was turned between the drives: its strips are as before, its drive is not
     let turned = std::fs::read_to_string(bench.path(&friday)).expect("a project");
@@ -152,7 +127,7 @@ fn drives_that_contradict_each_other_are_named() {
     // another vehicle: the signs of all its errors are the other way
     let scenario = std::fs::read_to_string(bench.path("friday_scenario.toml")).expect("a scenario");
     let other = scenario
-        .replace(BORESIGHT, "boresight_error_deg = [-0.05, 0.08, -0.06]")
+        .replace(BORESIGHT, "boresight_error_deg = [-0.014, 0.028, -0.019]")
         .replace("height_m = -0.009", "height_m = 0.006");
     assert_ne!(other, scenario);
     std::fs::write(bench.path("friday_scenario.toml"), other).expect("written");
@@ -212,10 +187,12 @@ fn ratios(constants: &Constants, estimate: &CalibrationEstimate, truth: &toml::T
     all
 }
 
-/// Statistics of drives put together: errors over sigmas, and agreement. Some minutes:
+/// Statistics of drives put together: errors over sigmas, and agreement. The scanners have no bumps in their range bias: at 3000 points a second
+/// patches are as wide as these, and smooth them by a millimetre in every drive alike, which no number of drives makes less. Some minutes:
 /// `cargo test --release --test drives_together -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes"]
+#[allow(clippy::print_stdout)] // figures for docs/mobile.md
 fn errors_of_a_common_calibration_are_as_large_as_its_sigmas() {
     let bench = Bench::new();
     let ranges_m = [(2.0, 45.0), (2.0, 45.0)];
@@ -223,9 +200,11 @@ fn errors_of_a_common_calibration_are_as_large_as_its_sigmas() {
     let (mut truth, mut curves) = (toml::Table::new(), String::new());
     for seed in 21..37 {
         let name = format!("drive{seed}");
-        let project = simulate(&bench, &name, seed);
-        let read = |file: &str| std::fs::read_to_string(bench.path(&name).join("truth").join(file)).expect("truth");
-        (truth, curves) = (read("calibration_true.toml").parse().expect("TOML"), read("bias_functions.csv"));
+        let project = simulate_with(&bench, &name, seed, |text| {
+            let without = text.lines().filter(|l| !l.starts_with("bias_bump")).map(|l| format!("{l}\n"));
+            without.collect()
+        });
+        (truth, curves) = truth_of(&bench, &name);
         drives.push(estimate(&bench, &project, &ranges_m));
         std::fs::remove_dir_all(bench.path(&name)).expect("removed");
     }
@@ -242,7 +221,8 @@ fn errors_of_a_common_calibration_are_as_large_as_its_sigmas() {
             chi += last.squared;
             freedom += last.freedom;
             held += usize::from(combined.agreements.iter().all(Agreement::holds));
-            for ratio in ratios(constants, &combined.estimate, &truth, &curves) {
+            let found = ratios(constants, &combined.estimate, &truth, &curves);
+            for ratio in found {
                 squared += ratio * ratio;
                 count += 1.0;
                 inside += f64::from(u8::from(ratio.abs() < 1.96));
@@ -259,6 +239,7 @@ fn errors_of_a_common_calibration_are_as_large_as_its_sigmas() {
     statistics("alone", &drives.chunks(1).collect::<Vec<_>>());
     let (squared, inside, chi, freedom) = statistics("in pairs", &drives.chunks(2).collect::<Vec<_>>());
     statistics("in fours", &drives.chunks(4).collect::<Vec<_>>());
+    statistics("all sixteen", &drives.chunks(16).collect::<Vec<_>>());
     #[allow(clippy::cast_precision_loss)] // hundreds
     let of_freedom = freedom as f64;
     assert!(squared < 1.5 && inside > 0.9, "{squared} {inside}");

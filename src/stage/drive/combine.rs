@@ -1,15 +1,15 @@
 //! One calibration of several drives: normal equations of each added up, as Helmert's blocks are.
 //!
-//! Constants x are common to all drives, everything else is each drive's own. The smoother of drive i gives value v_i and covariance Σ_i of x with
-//! the prior N(0, P₀) in it; what the drive itself says is `Λ_i = Σ_i⁻¹ - P₀⁻¹` and `g_i = Σ_i⁻¹ v_i`. All drives together:
+//! Constants `x` are common to all drives, everything else is each drive's own. The smoother of drive i gives value `v_i` and covariance `Σ_i` of
+//! `x` with the prior `N(0, P₀)` in it; what the drive itself says is `Λ_i = Σ_i⁻¹ - P₀⁻¹` and `g_i = Σ_i⁻¹ v_i`. All drives together:
 //!
 //! `(P₀⁻¹ + Σ Λ_i) x = Σ g_i`
 //!
 //! which is what one adjustment of all drives gives. Computed with `u = L⁻¹ x`, `P₀ = L Lᵀ`: the prior becomes the identity, and eigenvalues of
 //! `L⁻¹ Σ_i L⁻ᵀ` lie between 0 (known by the drive) and 1 (not seen).
 //!
-//! **Agreement.** Before drive i is taken, the others say `z ~ N(0, I)` in a frame of their own; in the directions in which `Λ_i` is λ there, the drive says
-//! `y = z + noise` of variance 1/λ, so that `y² λ / (1 + λ)` is χ² of one degree of freedom when both are right.
+//! **Agreement.** Before drive i is taken, the others say `z ~ N(0, I)` in a frame of their own; in the directions in which `Λ_i` is `λ` there, the
+//! drive says `y = z + noise` of variance `1/λ`, so that `y² λ / (1 + λ)` is χ² of one degree of freedom when both are right.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use tieline_filter::CalibrationEstimate;

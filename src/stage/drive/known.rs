@@ -277,4 +277,34 @@ mod tests {
         refuse(&PLATFORM.replace("[0.1, 0.0, 0.0]", "[1e300, 0.0, 0.0]"), "boresight_deg");
         refuse(&format!("{PLATFORM}[[latency]]\nscanner = 0\nlatency_s = 1e12\n"), "latency_s");
     }
+
+    /// All that a file may hold.
+    const WHOLE: &str = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.1, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
+                         boresight_deg = [0.1, 0.0, 0.0]\n[[latency]]\nscanner = 0\nlatency_s = 0.001\n[[range_correction]]\nscanner = 0\n\
+                         first_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n";
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(4000))]
+
+        /// Pieces put in place of others: no panic, and what is taken moves a beam to a place that is a number.
+        #[test]
+        fn no_text_makes_a_panic_or_a_place_that_is_no_number(
+            edits in proptest::collection::vec(
+                (0..WHOLE.len(), 0..12_usize, "nan|inf|-inf|1e300|-1e-300|0|-1|4294967296|[\\[\\]=,.\"\n0-9a-z_-]{0,6}"),
+                0..5,
+            ),
+        ) {
+            let mut text = String::from(WHOLE);
+            for (at, length, piece) in &edits {
+                let from = (*at).min(text.len());
+                text.replace_range(from..(from + length).min(text.len()), piece);
+            }
+            if let Ok(known) = parse(&text, Path::new("c.toml"), &project("")) {
+                for one in &known {
+                    let moved = one.applied(&beam(), &Vector3::new(1.0, 0.2, -0.3)).body_vector_m;
+                    proptest::prop_assert!(moved.iter().all(|v| v.is_finite()), "{one:?} {text}");
+                }
+            }
+        }
+    }
 }

@@ -55,13 +55,16 @@ pub struct JobArgs {
 /// `calibrate`.
 #[derive(Debug, Clone, Args)]
 pub struct CalibrateArgs {
-    /// Project files
+    /// Project files: one of stations, one drive, or several drives of one platform
     #[arg(required = true, value_name = "PROJECT.toml")]
     pub projects: Vec<PathBuf>,
-    /// Output folder [default: out/<name of the project file>]
+    /// Output folder [default: out/<name of the project file>; of several drives out/calibration]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write ties.csv beside ties.parquet
+    /// Memory for patches, in MiB (drives)
+    #[arg(long, value_name = "MIB", default_value_t = 256)]
+    pub memory: u64,
+    /// Write ties.csv beside ties.parquet (stations)
     #[arg(long)]
     pub csv: bool,
 }
@@ -78,11 +81,11 @@ pub enum Command {
         #[arg(long)]
         overwrite: bool,
     },
-    /// Calibrate how scanners are mounted, from stations without a trajectory
+    /// Calibrate scanners: from stations without a trajectory, or from drives, several in one run (takes up `match`)
     Calibrate(CalibrateArgs),
     /// Find the ties
     Match(JobArgs),
-    /// Solve for the errors of strips (needs `match`); with [imu] in the project: estimate the trajectory
+    /// Solve for the errors of strips (needs `match`); with [imu]: the trajectory, with the ties of `match` if it was run
     Solve {
         /// The job
         #[command(flatten)]

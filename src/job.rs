@@ -17,11 +17,13 @@ use crate::report::data::{FileSummary, Timing};
 use crate::sample::Sample;
 use crate::settings::{Setting, Settings};
 use crate::stage::correct::{Corrections, correct_file, output_names};
-use crate::stage::drive::DriveSolution;
+use crate::stage::drive::check;
+use crate::stage::drive::correction::DriveCorrection;
+use crate::stage::navigate::Measurements;
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
 use crate::stage::ties::{ControlPoint, Ties, find};
-use crate::stage::trajectory::Poses;
+use crate::stage::trajectory::{Poses, load};
 use crate::survey::Survey;
 
 /// What a job is run with, beside its project.
@@ -98,10 +100,37 @@ pub struct Matched {
 /// # Errors
 /// Whatever makes the survey unusable; when no two strips overlap.
 pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) -> Result<Matched> {
+    match_all(project, None, options, clock)
+}
+
+/// Opens a drive and finds its ties; what can be seen of its parts before all points are read is looked at first.
+///
+/// # Errors
+/// As [`match_strips`], and what does not fit together.
+pub fn match_drive(
+    project: &Project,
+    measurements: &Measurements,
+    options: &JobOptions,
+    clock: &mut Clock,
+) -> Result<Matched> {
+    match_all(project, Some(measurements), options, clock)
+}
+
+fn match_all(
+    project: &Project,
+    measurements: Option<&Measurements>,
+    options: &JobOptions,
+    clock: &mut Clock,
+) -> Result<Matched> {
     let survey = clock.time("open", || Survey::open(project))?;
+    let mut notes = Vec::new();
+    let given = clock.time("trajectory", || load(project, &survey, &mut notes))?;
     let (settings, sampled) = clock.time("open", || {
         let sample = Sample::read(&survey)?;
         let settings = Settings::derive(project, &survey, &sample, options.memory_bytes, rayon::current_num_threads())?;
+        if let Some(measurements) = measurements {
+            check::before_scan(project, &survey, &sample, &settings.grid.rule, given.as_ref(), measurements)?;
+        }
         anyhow::Ok((settings, sample.chunks.iter().map(|c| c.1.len() as u64).sum()))
     })?;
     let scanned = clock.time("scan", || scan(&survey, &settings, &options.progress))?;
@@ -115,7 +144,9 @@ pub fn match_strips(project: &Project, options: &JobOptions, clock: &mut Clock) 
         strip_name(&survey, source, number, of)
     });
     check_fixed(project, &strips)?;
-    let poses = clock.time("trajectory", || Poses::new(project, &survey, &strips, &scanned.sketches))?;
+    let mut poses = clock.time("trajectory", || Poses::new(project, &survey, given, &strips, &scanned.sketches))?;
+    notes.append(&mut poses.notes);
+    poses.notes = notes;
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
     let ties = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
@@ -258,20 +289,21 @@ pub fn correct_strips(
     Ok(files)
 }
 
-/// Writes the corrected strips of a drive into a folder.
+/// Writes the corrected strips of a drive into a folder; with `inverse` the corrections are taken off.
 ///
 /// # Errors
 /// When a trajectory does not cover a strip, or a file cannot be read or written; files already complete stay.
 pub fn correct_drive(
     project: &Project,
     matched: &Matched,
-    drive: &DriveSolution,
+    drive: &DriveCorrection,
+    inverse: bool,
     folder: &Path,
     progress: Progress,
     clock: &mut Clock,
 ) -> Result<Vec<FileSummary>> {
     let files = clock.time("correct", || {
-        write_corrected(project, matched, &Corrections::of_drive(drive, matched)?, folder, progress)
+        write_corrected(project, matched, &Corrections::of_drive(drive, matched, inverse)?, folder, progress)
     })?;
     clock.passed("correct", files.iter().map(|f| f.points).sum(), matched.survey.points());
     Ok(files)

@@ -1,5 +1,7 @@
 //! What one stage leaves for the next: `stages/match.json` and `stages/solve.json` in the output folder.
 
+pub(crate) mod drive;
+
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -21,7 +23,7 @@ use crate::stage::trajectory::{PathReport, Poses, StoredPath};
 use crate::survey::Survey;
 
 /// Version of the files; a change of their shape raises it.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The result of `match` on disk.
 #[derive(Debug, Serialize, Deserialize)]
@@ -74,11 +76,27 @@ fn read<T: DeserializeOwned>(path: &Path, stage: &str) -> Result<T> {
         .with_context(|| format!("{} cannot be read: run `tieline {stage}` again", path.display()))
 }
 
-/// Leaves the result of `match` in the output folder.
+/// Takes away what later stages left: it does not belong to what an earlier one leaves now.
+fn forget(out: &Path, stages: &[&str]) -> Result<()> {
+    for stage in stages {
+        let path = out.join(format!("stages/{stage}.json"));
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error)
+                    .with_context(|| format!("{} is of an earlier run and cannot be removed", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Leaves the result of `match` in the output folder; what later stages left there goes.
 ///
 /// # Errors
 /// When it cannot be written.
 pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
+    forget(out, &["calibrate", "solve"])?;
     let state = MatchState {
         version: VERSION,
         files: files_of(&matched.survey),
@@ -97,6 +115,12 @@ pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
 
 fn files_of(survey: &Survey) -> Vec<(PathBuf, u64)> {
     survey.files.iter().map(|f| (f.las.path().to_path_buf(), f.las.header().point_count)).collect()
+}
+
+/// Whether `match` left its result in an output folder.
+#[must_use]
+pub fn is_matched(out: &Path) -> bool {
+    out.join("stages/match.json").is_file()
 }
 
 /// Takes up the result of `match` from the output folder.

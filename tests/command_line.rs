@@ -120,7 +120,7 @@ fn info_tells_what_measurements_are_in_a_file() {
 #[test]
 fn a_file_of_no_known_kind_is_refused_with_what_is_known() {
     let bench = Bench::new();
-    let strange: Vec<u8> = (0..1000_u32).flat_map(|i| (i * 2_654_435_761).to_le_bytes()).collect();
+    let strange: Vec<u8> = (0..1000_u32).flat_map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
     std::fs::write(bench.path("strange.bin"), strange).expect("written");
     std::fs::write(bench.path("letter.txt"), "Dear reader,\nnothing to see here.\n").expect("written");
     std::fs::write(bench.path("empty.laz"), "").expect("written");

@@ -5,7 +5,7 @@ use nalgebra::{Vector3, Vector6};
 use crate::trajectory::TrajectoryError;
 
 /// One epoch of a correction: new pose minus old pose.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CorrectionRow {
     /// Survey time \[s\].
     pub time_s: f64,

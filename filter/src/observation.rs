@@ -49,7 +49,7 @@ impl TieKind {
 }
 
 /// What a tie of a drive binds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 pub enum TieClass {
     /// Two visits of one strip.
     PassToPass,

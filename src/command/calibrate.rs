@@ -1,10 +1,13 @@
 //! `calibrate`: how the scanners of a vehicle are mounted.
 
+mod drives;
+
 use std::io::Write;
 
 use anyhow::{Context, Result, bail};
 
 use crate::cli::{CalibrateArgs, Common};
+use crate::command::drive;
 use crate::command::project::out_folder;
 use crate::job::Clock;
 use crate::memory::peak_bytes;
@@ -21,20 +24,25 @@ use crate::stage::stations::{Mounts, StationOptions, calibrate};
 /// # Errors
 /// Whatever stops a stage.
 pub fn run(args: &CalibrateArgs, common: &Common, out: &mut impl Write) -> Result<()> {
-    let [file] = args.projects.as_slice() else {
+    let projects: Vec<Project> = args.projects.iter().map(|file| Project::load(file)).collect::<Result<_, _>>()?;
+    for (file, project) in args.projects.iter().zip(&projects) {
+        if !drive::is_drive(project) && project.stations.is_empty() {
+            bail!(
+                "{}: `calibrate` works on [[stations]], and on drives, which have [[strips]] and [imu]; scanners of other strips are \
+                 calibrated within `tieline run`",
+                file.display()
+            );
+        }
+    }
+    if projects.iter().all(drive::is_drive) {
+        return drives::run(args, &projects, common, out);
+    }
+    let ([file], [project]) = (args.projects.as_slice(), projects.as_slice()) else {
         bail!(
-            "one project at a time can be calibrated; stations of several folders go into one project with several [[stations]]"
+            "several projects in one calibration are drives; stations of several folders go into one project with several [[stations]]"
         );
     };
-    let project = Project::load(file)?;
-    if project.stations.is_empty() {
-        bail!(
-            "{}: `calibrate` works on [[stations]]; scanners of strips and drives are calibrated within `tieline run`",
-            file.display()
-        );
-    }
-    let folder = out_folder(file, args.out.as_ref());
-    of_stations(&project, &folder, args.csv, common, out)
+    of_stations(project, &out_folder(file, args.out.as_ref()), args.csv, common, out)
 }
 
 /// The calibration of stations without a trajectory.

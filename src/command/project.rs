@@ -17,7 +17,8 @@ use crate::report::data::{Summary, TiePoint};
 use crate::report::{three_lines, write_all};
 use crate::stage::navigate::Mask;
 use crate::stage::solve::{Setup, Solution};
-use crate::state::{StoredPoint, load_match, load_solve, save_match, save_solve};
+use crate::state::drive::load_drive;
+use crate::state::{StoredPoint, is_matched, load_match, load_solve, save_match, save_solve};
 use crate::summary::summarise;
 
 /// Output folder of a project: as asked, else `out/<stem of the project file>`.
@@ -55,7 +56,7 @@ pub fn run(args: &JobArgs, overwrite: bool, common: &Common, out: &mut impl Writ
     if project.strips.is_empty() {
         return navigate::solve(&project, args, &[], common, out);
     }
-    if project.imu.is_some() {
+    if drive::is_drive(&project) {
         return drive::run(&project, args, &options, common, out);
     }
     let mut clock = Clock::default();
@@ -154,7 +155,11 @@ pub fn match_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Resu
     let options = options(args, common);
     let project = Project::load(&args.project)?;
     let mut clock = Clock::default();
-    let matched = match_strips(&project, &options, &mut clock)?;
+    let matched = if drive::is_drive(&project) {
+        drive::find_ties(&project, &options, &mut clock)?.0
+    } else {
+        match_strips(&project, &options, &mut clock)?
+    };
     tell(common, || notes_of(&matched));
     create(&options.out)?;
     save_match(&options.out, &matched)?;
@@ -195,6 +200,9 @@ pub fn match_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Resu
 pub fn solve_only(args: &JobArgs, masks: &[Mask], common: &Common, out: &mut impl Write) -> Result<()> {
     let options = options(args, common);
     let project = Project::load(&args.project)?;
+    if drive::is_drive(&project) && project.ties.is_none() && is_matched(&options.out) {
+        return drive::solve(&project, args, masks, &options, common, out);
+    }
     if project.imu.is_some() {
         return navigate::solve(&project, args, masks, common, out);
     }
@@ -219,6 +227,9 @@ pub fn solve_only(args: &JobArgs, masks: &[Mask], common: &Common, out: &mut imp
 pub fn report_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Result<()> {
     let options = options(args, common);
     let project = Project::load(&args.project)?;
+    if drive::is_drive(&project) {
+        return drive::report(&options.out, common, out);
+    }
     let matched = load_match(&project, &options.out)?;
     let (_, mut state) = load_solve(&setup_of(&project, &matched), &options.out)?;
     let points = restore(&state.points);
@@ -235,27 +246,24 @@ pub fn correct(args: &CorrectArgs, common: &Common, out: &mut impl Write) -> Res
     let folder = out_folder(file, args.out.as_ref());
     let project = Project::load(file)?;
     let mut matched = load_match(&project, &folder)?;
-    let setup: Setup = setup_of(&project, &matched);
-    let (model, mut state): (Model, _) = load_solve(&setup, &folder)?;
-    let target = if args.inverse {
-        if strips.is_empty() {
-            bail!("--inverse takes the corrections off strips: name the corrected files after the project file");
-        }
-        matched.survey.replace_files(strips)?;
-        folder.join("restored")
-    } else {
-        if let Some(extra) = strips.first() {
-            bail!("{}: strips are named with --inverse, or with --from and --to", extra.display());
-        }
-        folder.join("corrected")
-    };
     let progress = Progress::new(common.quiet || common.json);
-    let mut clock = Clock::default();
-    let files = correct_strips(&project, &matched, (&setup, &model), args.inverse, &target, progress, &mut clock)?;
-    if !args.inverse {
-        state.summary.files.clone_from(&files);
-        report(&matched, &mut state.summary, &restore(&state.points), &folder)?;
-    }
+    let target = folder.join(if args.inverse { "restored" } else { "corrected" });
+    let files = if drive::is_drive(&project) {
+        let solved = load_drive(&folder)?;
+        replace_strips(&mut matched, args.inverse, strips)?;
+        drive::correct(&project, &matched, solved, args.inverse, (&folder, &target), progress)?
+    } else {
+        let setup: Setup = setup_of(&project, &matched);
+        let (model, mut state): (Model, _) = load_solve(&setup, &folder)?;
+        replace_strips(&mut matched, args.inverse, strips)?;
+        let (model, mut clock) = ((&setup, &model), Clock::default());
+        let files = correct_strips(&project, &matched, model, args.inverse, &target, progress, &mut clock)?;
+        if !args.inverse {
+            state.summary.files.clone_from(&files);
+            report(&matched, &mut state.summary, &restore(&state.points), &folder)?;
+        }
+        files
+    };
     if common.json {
         serde_json::to_writer_pretty(&mut *out, &files)?;
         writeln!(out)?;
@@ -265,4 +273,18 @@ pub fn correct(args: &CorrectArgs, common: &Common, out: &mut impl Write) -> Res
         }
     }
     Ok(())
+}
+
+/// With `inverse` the corrected strips stand in for those of the project; without it none may be named.
+fn replace_strips(matched: &mut Matched, inverse: bool, strips: &[PathBuf]) -> Result<()> {
+    if !inverse {
+        if let Some(extra) = strips.first() {
+            bail!("{}: strips are named with --inverse, or with --from and --to", extra.display());
+        }
+        return Ok(());
+    }
+    if strips.is_empty() {
+        bail!("--inverse takes the corrections off strips: name the corrected files after the project file");
+    }
+    matched.survey.replace_files(strips)
 }

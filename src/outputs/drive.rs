@@ -18,7 +18,7 @@ use super::{Row, push};
 use crate::job::Matched;
 use crate::project::Project;
 use crate::stage::drive::DriveSolution;
-use crate::stage::drive::constants::Term;
+use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::residuals::Residual;
 
 /// Spacing of the rows of `range_bias.csv` \[m\].
@@ -39,12 +39,20 @@ pub fn write_drive(
     csv: bool,
 ) -> Result<()> {
     write_ties(project, matched, drive, residuals, out, csv)?;
+    write_calibration(project, &drive.calibrated(), out)?;
+    write_correction_of(matched, drive, out)
+}
+
+/// Writes `calibration.toml` and `range_bias.csv`.
+///
+/// # Errors
+/// When one cannot be written.
+pub fn write_calibration(project: &Project, calibrated: &Calibrated<'_>, out: &Path) -> Result<()> {
     let whole = |name: &str, text: &str| {
         write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
     };
-    whole("range_bias.csv", &range_bias(drive))?;
-    whole("calibration.toml", &calibration::text(project, drive))?;
-    write_correction_of(matched, drive, out)
+    whole("range_bias.csv", &range_bias(calibrated))?;
+    whole("calibration.toml", &calibration::text(project, calibrated))
 }
 
 /// `ties.parquet`, and `ties.csv` when asked: every end of every line.
@@ -102,43 +110,20 @@ fn write_ties(
     Ok(())
 }
 
-/// Range bias of a scanner at a range and its standard deviation \[m\]: measured less true, the correction with its sign changed. What is
-/// known has no standard deviation.
-#[must_use]
-pub fn bias_at(drive: &DriveSolution, scanner: usize, range_m: f64) -> Option<(f64, f64)> {
-    let estimate = &drive.solution.calibration;
-    let curves = drive.constants.range_curves(scanner, &estimate.value);
-    if curves.is_empty() {
-        return None;
-    }
-    let value: f64 = curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum();
-    let n = estimate.value.len();
-    let mut variance = 0.0;
-    if let Some(first) = drive.constants.first(scanner, Term::Range) {
-        let (knot, weights) = drive.constants.splines[scanner].weights(range_m);
-        for (a, wa) in weights.iter().enumerate() {
-            for (b, wb) in weights.iter().enumerate() {
-                variance += wa * wb * estimate.covariance[(first + knot + a) * n + first + knot + b];
-            }
-        }
-    }
-    Some((-value, variance.max(0.0).sqrt()))
-}
-
 /// Ranges of a scanner's curve, a quarter of a metre apart.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-pub fn ranges_of_curve(drive: &DriveSolution, scanner: usize) -> impl Iterator<Item = f64> {
-    let (near_m, far_m) = drive.ranges_m.get(scanner).copied().unwrap_or((0.0, -1.0));
+pub fn ranges_of_curve(calibrated: &Calibrated<'_>, scanner: usize) -> impl Iterator<Item = f64> + use<> {
+    let (near_m, far_m) = calibrated.ranges_m.get(scanner).copied().unwrap_or((0.0, -1.0));
     let first = (near_m / RANGE_STEP_M).ceil() as i64;
     let last = (far_m / RANGE_STEP_M).floor() as i64;
     (first..=last).map(|k| k as f64 * RANGE_STEP_M)
 }
 
-fn range_bias(drive: &DriveSolution) -> String {
+fn range_bias(calibrated: &Calibrated<'_>) -> String {
     let mut text = String::from("scanner,range_m,bias_m,sigma_m\n");
-    for scanner in 0..drive.ranges_m.len() {
-        for range_m in ranges_of_curve(drive, scanner) {
-            let (bias_m, sigma_m) = bias_at(drive, scanner, range_m).unwrap_or((0.0, 0.0));
+    for scanner in 0..calibrated.ranges_m.len() {
+        for range_m in ranges_of_curve(calibrated, scanner) {
+            let (bias_m, sigma_m) = calibrated.bias_at(scanner, range_m).unwrap_or((0.0, 0.0));
             let _ = writeln!(text, "{scanner},{range_m:.2},{bias_m:.6},{sigma_m:.6}");
         }
     }

@@ -11,7 +11,7 @@ pub mod geotiff;
 mod grid;
 mod html;
 pub mod maps;
-mod nullable;
+pub(crate) mod nullable;
 mod number;
 pub mod page;
 mod plot;

@@ -11,7 +11,7 @@ use tieline_matching::{SourceKey, SourceRule, StripIndex};
 
 use crate::job::Matched;
 use crate::report::data::FileSummary;
-use crate::stage::drive::DriveSolution;
+use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::curve::RangeSpline;
 use crate::stage::solve::Setup;
 use crate::stage::trajectory::Poses;
@@ -111,40 +111,38 @@ impl<'a> Corrections<'a> {
         Ok(Self { strips, rule, knots, curves: vec![Vec::new(); strips.scanner_numbers().len()], inverse })
     }
 
-    /// Corrections of a drive: the difference of the trajectories and the calibration, range corrections included.
+    /// Corrections of a drive: the difference of the trajectories and the calibration, range corrections included. With `inverse` they
+    /// are taken off instead of applied.
     ///
     /// # Errors
     /// When a trajectory does not cover a strip.
-    pub fn of_drive(drive: &DriveSolution, matched: &'a Matched) -> Result<Self> {
-        let (strips, values) = (&matched.strips, &drive.solution.calibration.value);
-        let constants = &drive.constants;
+    pub fn of_drive(drive: &DriveCorrection, matched: &'a Matched, inverse: bool) -> Result<Self> {
+        let strips = &matched.strips;
         let mut knots = Vec::new();
         for (i, strip) in strips.strips().iter().enumerate() {
             let number = u32::try_from(i)?;
             let mut of_strip = Vec::new();
-            for scanner in 0..strips.scanner_numbers().len() {
+            for (scanner, corrected) in drive.scanners.iter().enumerate() {
                 if !strip.scanners.contains(&u16::try_from(scanner)?) {
                     of_strip.push(None);
                     continue;
                 }
-                let calibration = constants.calibration(scanner, values);
-                let latency_s = constants.latency_s(scanner, values);
                 let map_at = |time_s: f64| {
                     let not_covered = || anyhow!("strip {}: no pose at {time_s:.3} s", strip.name);
                     let old = matched.poses.at(number, time_s).ok_or_else(not_covered)?;
-                    let new = drive.pose_at(time_s + latency_s).ok_or_else(not_covered)?;
+                    let new = drive.pose_at(time_s + corrected.latency_s).ok_or_else(not_covered)?;
                     let correction = PoseCorrection {
                         position_ned_m: old.ned_vector_m(&new.position),
                         rotation_ned_rad: (new.ned_from_body * old.ned_from_body.inverse()).scaled_axis(),
                     };
-                    Ok(PointMap::new(&old, &constants.lever_arm_m(scanner), &correction, &calibration))
+                    Ok(PointMap::new(&old, &corrected.lever_arm_m, &correction, &corrected.calibration))
                 };
                 of_strip.push(Some(Knots::new(strip.start_s, strip.end_s, map_at)?));
             }
             knots.push(of_strip);
         }
-        let curves = (0..strips.scanner_numbers().len()).map(|s| constants.range_curves(s, values)).collect();
-        Ok(Self { strips, rule: matched.rule, knots, curves, inverse: false })
+        let curves = drive.scanners.iter().map(|s| s.ranges.clone()).collect();
+        Ok(Self { strips, rule: matched.rule, knots, curves, inverse })
     }
 
     /// Moves a point \[m\] of a source at a survey time \[s\]; `None` when the source is not known.
@@ -168,19 +166,42 @@ impl<'a> Corrections<'a> {
             };
         }
         let map = self.knots[last.strip][last.scanner].as_ref()?.at(time_s);
+        let curves = &self.curves[last.scanner];
+        let longer_m = |range_m: f64| -> f64 {
+            curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum()
+        };
+        let scanner_m = map.scanner_m + map.shift_m;
         if self.inverse {
-            return Some(map.undo(point));
+            if curves.is_empty() {
+                return Some(map.undo(point));
+            }
+            let ray = point - scanner_m;
+            let corrected_m = ray.norm().max(1e-3);
+            return Some(map.undo(&(scanner_m + ray * (measured_m(corrected_m, longer_m) / corrected_m))));
         }
         let mut moved = point + map.delta_m(point);
-        let curves = &self.curves[last.scanner];
         if !curves.is_empty() {
-            let ray = moved - map.scanner_m - map.shift_m;
+            let ray = moved - scanner_m;
             let range_m = ray.norm().max(1e-3);
-            let longer_m: f64 = curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum();
-            moved += ray * (longer_m / range_m);
+            moved += ray * (longer_m(range_m) / range_m);
         }
         Some(moved)
     }
+}
+
+/// The range \[m\] that a correction `longer_m` makes a corrected one of: `ρ + f(ρ)` solved for ρ. Corrections change by a few
+/// millimetres a metre: each step leaves that share of the error.
+fn measured_m(corrected_m: f64, longer_m: impl Fn(f64) -> f64) -> f64 {
+    let mut range_m = corrected_m;
+    for _ in 0..20 {
+        let next_m = corrected_m - longer_m(range_m);
+        let step_m = (next_m - range_m).abs();
+        range_m = next_m;
+        if step_m < 1e-9 {
+            break;
+        }
+    }
+    range_m
 }
 
 struct LastStrip {

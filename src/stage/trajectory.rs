@@ -1,6 +1,6 @@
 //! The trajectory of every strip: read from a file, or rebuilt from the points.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector4};
 use tieline_filter::{Pose, PoseSigma, PositionFrame, TimeEncoding, Trajectory, TrajectoryError, ned_from_body};
 use tieline_io::trajectory::{ReadOptions, TrajectoryFormat, read};
@@ -55,7 +55,19 @@ impl StoredPath {
         }
     }
 
-    fn trajectory(self) -> Result<Trajectory, TrajectoryError> {
+    /// Positions and attitudes alone.
+    pub(crate) fn of_poses(t: &Trajectory) -> Self {
+        Self {
+            time_s: t.time_s().to_vec(),
+            position_m: t.position().to_vec(),
+            attitude: t.ned_from_body().iter().map(|q| q.coords).collect(),
+            velocity_ned_mps: Vec::new(),
+            sigma: Vec::new(),
+        }
+    }
+
+    /// The trajectory in the map.
+    pub(crate) fn trajectory(self) -> Result<Trajectory, TrajectoryError> {
         let attitude = self.attitude.into_iter().map(|q| UnitQuaternion::new_unchecked(Quaternion::from(q))).collect();
         let frame = PositionFrame::Map;
         let path = Trajectory::new(frame, self.time_s, self.position_m, attitude, self.velocity_ned_mps)?;
@@ -124,20 +136,20 @@ impl Poses {
         Ok(Self { shared, by_strip, reports, notes })
     }
 
-    /// Reads the project's trajectory, or rebuilds one for each strip.
+    /// Poses by the project's trajectory as [`load`] gives it, or rebuilt for each strip.
     ///
     /// # Errors
-    /// When the file cannot be used or does not cover a strip; when a strip's course cannot be told.
+    /// When the trajectory does not cover a strip; when a strip's course cannot be told.
     pub fn new(
         project: &Project,
         survey: &Survey,
+        given: Option<Trajectory>,
         strips: &StripIndex,
         sketches: &[((SourceKey, i64), BinSketch)],
     ) -> Result<Self> {
-        if project.trajectory.is_some() {
-            from_file(project, survey, strips, sketches)
-        } else {
-            rebuilt(survey, strips, sketches)
+        match given {
+            Some(trajectory) => from_file(project, survey, trajectory, strips, sketches),
+            None => rebuilt(survey, strips, sketches),
         }
     }
 }
@@ -169,11 +181,11 @@ pub fn load(project: &Project, survey: &Survey, notes: &mut Vec<String>) -> Resu
 fn from_file(
     project: &Project,
     survey: &Survey,
+    trajectory: Trajectory,
     strips: &StripIndex,
     sketches: &[((SourceKey, i64), BinSketch)],
 ) -> Result<Poses> {
     let mut notes = Vec::new();
-    let trajectory = load(project, survey, &mut notes)?.context("no [trajectory] in the project")?;
     let name = project.trajectory.as_ref().map(|t| t.path.display().to_string()).unwrap_or_default();
     let (first, last) = trajectory.span_s();
     let mut reports = Vec::new();

@@ -5,12 +5,13 @@ use std::fmt::Write as _;
 use nalgebra::{Rotation3, Vector3};
 
 use crate::project::Project;
-use crate::stage::drive::DriveSolution;
+use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::constants::{Group, Term};
 
 /// Platform, latencies and range corrections as found; which terms were estimated; every estimate with its sigma, and those of the
 /// other scanners less the first.
-pub(super) fn text(project: &Project, drive: &DriveSolution) -> String {
+pub(super) fn text(project: &Project, calibrated: &Calibrated<'_>) -> String {
+    let Calibrated { constants, estimate, ranges_m, verdicts } = calibrated;
     let mut text = String::from(
         "# Calibration estimated by tieline: calibrate.known = \"calibration.toml\" takes it as known. [platform] goes into a project whose strips\n\
          # are made with it. Range corrections are added to a range, all of a scanner together: coefficients of a cubic B-spline, knots evenly spaced in the\n\
@@ -19,11 +20,10 @@ pub(super) fn text(project: &Project, drive: &DriveSolution) -> String {
     if let Some(arm) = project.platform.gnss_lever_arm_m {
         let _ = writeln!(text, "gnss_lever_arm_m = {arm:?}");
     }
-    let estimate = &drive.solution.calibration;
-    for scanner in 0..drive.ranges_m.len() {
+    for scanner in 0..ranges_m.len() {
         let nominal =
             project.platform.scanner.iter().find(|s| usize::from(s.id) == scanner).cloned().unwrap_or_default();
-        let c = drive.constants.calibration(scanner, &estimate.value);
+        let c = constants.calibration(scanner, &estimate.value);
         let before = Rotation3::new(Vector3::from(nominal.boresight_deg).map(f64::to_radians));
         let boresight = (Rotation3::new(c.boresight_rad) * before).scaled_axis().map(f64::to_degrees);
         let arm = Vector3::from(nominal.lever_arm_m) + c.lever_arm_m;
@@ -34,10 +34,10 @@ pub(super) fn text(project: &Project, drive: &DriveSolution) -> String {
             arm.x, arm.y, arm.z, nominal.mounting_deg, boresight.x, boresight.y, boresight.z
         );
     }
-    for scanner in 0..drive.ranges_m.len() {
-        let latency_s = drive.constants.latency_s(scanner, &estimate.value);
+    for scanner in 0..ranges_m.len() {
+        let latency_s = constants.latency_s(scanner, &estimate.value);
         let _ = writeln!(text, "\n[[latency]]\nscanner = {scanner}\nlatency_s = {latency_s:.9}");
-        for (spline, coefficients_m) in drive.constants.range_curves(scanner, &estimate.value) {
+        for (spline, coefficients_m) in constants.range_curves(scanner, &estimate.value) {
             let (first_m, last_m) = spline.span_m();
             let _ = writeln!(
                 text,
@@ -45,7 +45,7 @@ pub(super) fn text(project: &Project, drive: &DriveSolution) -> String {
             );
         }
     }
-    for verdict in &drive.verdicts {
+    for verdict in verdicts.iter() {
         let _ = writeln!(
             text,
             "\n[[term]]\nscanner = {}\nname = \"{}\"\nestimated = {} # {}\ntest = {:.3} # above 1: the data ask for it\n\
@@ -58,14 +58,14 @@ pub(super) fn text(project: &Project, drive: &DriveSolution) -> String {
             verdict.not_seen
         );
     }
-    estimates(&mut text, drive);
+    estimates(&mut text, calibrated);
     text
 }
 
 /// Estimates of all terms but range corrections.
-fn estimates(text: &mut String, drive: &DriveSolution) {
-    let estimate = &drive.solution.calibration;
-    for group in drive.constants.groups.iter().filter(|g| g.term != Term::Range) {
+fn estimates(text: &mut String, calibrated: &Calibrated<'_>) {
+    let Calibrated { constants, estimate, .. } = calibrated;
+    for group in constants.groups.iter().filter(|g| g.term != Term::Range) {
         let (unit, factor) = unit(group.term);
         for k in 0..group.prior.nrows() {
             let i = group.first + k;
@@ -79,7 +79,7 @@ fn estimates(text: &mut String, drive: &DriveSolution) {
                 group.prior[(k, k)].sqrt() * factor
             );
         }
-        let Some(first) = drive.constants.first(0, group.term).filter(|_| group.scanner > 0) else { continue };
+        let Some(first) = constants.first(0, group.term).filter(|_| group.scanner > 0) else { continue };
         let n = estimate.value.len();
         for k in 0..group.prior.nrows() {
             let (i, j) = (group.first + k, first + k);

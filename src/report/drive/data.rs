@@ -2,19 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tieline_filter::CorrectionRow;
 
-use crate::report::data::{Discrepancies, FileSummary, Summary, TieCounts, Timing};
+use crate::report::data::{Discrepancies, Discrepancy, FileSummary, Summary, TieCounts, Timing};
+use crate::report::nullable;
 use crate::settings::Setting;
 use crate::stage::drive::ties::Class;
 
 /// Numbers of measurements.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct MeasurementCounts {
     /// Samples of the IMU.
     pub imu_samples: usize,
     /// Seconds between them.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub imu_interval_s: f64,
     /// GNSS fixes.
     pub gnss_fixes: usize,
@@ -25,28 +27,32 @@ pub struct MeasurementCounts {
 }
 
 /// One strip.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DriveStrip {
     /// Name.
     pub name: String,
     /// Points.
     pub points: u64,
     /// First survey time \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub start_s: f64,
     /// Last survey time \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub end_s: f64,
     /// First time in UTC, when the week is known.
     pub start_utc: Option<String>,
     /// Scanners.
     pub scanners: Vec<u16>,
     /// Correction of the trajectory at its middle: east, north, up \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub correction_enu_m: [f64; 3],
     /// Largest correction of the trajectory within it \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub largest_correction_m: f64,
 }
 
 /// Ties of a kind or class.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct ClassSummary {
     /// Their numbers.
     #[serde(flatten)]
@@ -55,8 +61,26 @@ pub struct ClassSummary {
     pub discrepancy: Discrepancies,
 }
 
+/// Differences of pairs of sightings over range or lateral distance, in bins; used ties and held-out ones apart.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct DifferenceOver {
+    /// What the pairs bind.
+    pub class: String,
+    /// `range` or `lateral distance`.
+    pub over: String,
+    /// Whether these are the ties that took no part.
+    pub held_out: bool,
+    /// Middle of each bin \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
+    pub at_m: Vec<f64>,
+    /// By the trajectory and mounting that the strips were made with.
+    pub before: Vec<Discrepancy>,
+    /// By the new ones.
+    pub after: Vec<Discrepancy>,
+}
+
 /// A term of the calibration.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct TermSummary {
     /// Scanner, 0-based.
     pub scanner: usize,
@@ -65,13 +89,14 @@ pub struct TermSummary {
     /// Estimated, or fixed at its nominal value.
     pub estimated: bool,
     /// Above 1 the data ask for it.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub test: f64,
     /// Directions of it that the data do not see.
     pub directions_not_seen: usize,
 }
 
 /// A value of the calibration, as a correction of the platform.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct EstimateSummary {
     /// Scanner, 0-based.
     pub scanner: usize,
@@ -82,28 +107,34 @@ pub struct EstimateSummary {
     /// `deg`, `m` or `s`.
     pub unit: String,
     /// Value.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub value: f64,
     /// Standard deviation.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub sigma: f64,
     /// Standard deviation beforehand.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub prior_sigma: f64,
 }
 
 /// The range bias of a scanner: measured less true range.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct CurveSummary {
     /// Scanner, 0-based.
     pub scanner: usize,
     /// Ranges \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub range_m: Vec<f64>,
     /// Bias \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub bias_m: Vec<f64>,
     /// Its standard deviation \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub sigma_m: Vec<f64>,
 }
 
 /// `calibration` of the summary.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DriveCalibration {
     /// Terms.
     pub terms: Vec<TermSummary>,
@@ -114,35 +145,44 @@ pub struct DriveCalibration {
 }
 
 /// A stretch without GNSS.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Outage {
     /// Last fix before \[s\], survey time.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub start_s: f64,
     /// First fix after \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub end_s: f64,
     /// Largest correction of the trajectory in it \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub largest_correction_m: f64,
     /// Largest standard deviation of the new trajectory in it: east, north, up \[m\]; roll, pitch, heading \[deg\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub largest_sigma_enu_m: [f64; 3],
     /// Roll, pitch, heading \[deg\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub largest_sigma_rph_deg: [f64; 3],
     /// The same of the trajectory that the strips were made with, where it is known \[m\].
+    #[serde(default, deserialize_with = "nullable::numbers")]
     pub largest_sigma_before_enu_m: Option<[f64; 3]>,
 }
 
 /// The largest correction.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct LargestCorrection {
     /// Survey time \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub time_s: f64,
     /// East, north, up \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub enu_m: [f64; 3],
     /// Length \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub length_m: f64,
 }
 
 /// Innovations of a kind of measurement.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct InnovationSummary {
     /// Measurements.
     pub count: usize,
@@ -151,23 +191,28 @@ pub struct InnovationSummary {
     /// Left out.
     pub left_out: usize,
     /// Normalised innovation squared per component, mean: 1 when the filter is right.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub mean_nis_per_component: f64,
 }
 
 /// `trajectory` of the summary.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DriveTrajectory {
     /// Epochs.
     pub epochs: usize,
     /// First and last time \[s\], clock of the measurements.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub span_s: [f64; 2],
     /// Root mean squares of the standard deviations north, east, down \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub rms_sigma_position_ned_m: [f64; 3],
     /// The same of roll, pitch, heading \[deg\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub rms_sigma_roll_pitch_heading_deg: [f64; 3],
     /// Runs of the smoother.
     pub runs: usize,
     /// Largest change of the last run, over sigma.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub last_change_sigma: f64,
     /// Ties given to the smoother, and left out by it.
     pub ties_given: usize,
@@ -184,7 +229,7 @@ pub struct DriveTrajectory {
 }
 
 /// `summary.json` of a drive.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DriveSummary {
     /// Version of tieline.
     pub version: String,
@@ -209,6 +254,8 @@ pub struct DriveSummary {
     pub rejected: BTreeMap<String, u64>,
     /// Differences, last less first sighting of each line, before and after.
     pub discrepancy: Discrepancies,
+    /// Differences over range and lateral distance, by class; they count towards the vehicle.
+    pub difference_over: Vec<DifferenceOver>,
     /// Calibration.
     pub calibration: DriveCalibration,
     /// Trajectory.
@@ -245,28 +292,34 @@ impl DriveSummary {
 }
 
 /// Two sightings of a line as the charts show them.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(crate) struct PairPoint {
     /// What they bind.
     pub(crate) class: Class,
     /// East, north \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) east_north_m: [f64; 2],
     /// Higher scanner less lower, or later less earlier, towards the vehicle: before, after \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) difference_m: (f64, f64),
     /// Mean range of the two sightings \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) range_m: f64,
     /// To the right of the vehicle, at the first sighting \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) lateral_m: f64,
     /// Held out of the solution.
     pub(crate) held_out: bool,
 }
 
 /// What time axes count from.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(crate) struct Origin {
     /// Survey time \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) time_s: f64,
     /// The same as seconds of week, and the week; as they are where the week is not known.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) second: f64,
     /// GPS week.
     pub(crate) week: Option<u32>,
@@ -286,22 +339,27 @@ impl Origin {
 }
 
 /// What only the charts need.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct DriveCharts {
     /// What the time axes count from.
     pub(crate) origin: Origin,
     /// First and last time of the strips \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) span_s: (f64, f64),
     /// Differences of the trajectories, with the new one's standard deviations.
     pub(crate) corrections: Vec<CorrectionRow>,
     /// Standard deviations of the old one at these times, where known: east, north, up \[m\], roll, pitch, heading \[rad\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) sigma_before: Vec<Option<[f64; 6]>>,
     /// Times of the sightings of used ties: loop ties, increments \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) tie_times_s: [Vec<f64>; 2],
     /// Differences of all lines, last less first sighting: before, after \[m\], held out.
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) lines: Vec<(f64, f64, bool)>,
     /// Pairs of sightings by class.
     pub(crate) pairs: Vec<PairPoint>,
     /// Path: time \[s\], east, north \[m\].
+    #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) path: Vec<[f64; 3]>,
 }

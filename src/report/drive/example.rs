@@ -67,6 +67,7 @@ pub(crate) fn drive() -> (DriveSummary, DriveCharts) {
             .into(),
         ties_by_class: classes.into(),
         rejected: [(String::from("normal_angle"), 321)].into(),
+        difference_over: crate::report::drive::ranges::differences(&charts.pairs),
         discrepancy: discrepancy(&mut charts.lines.iter().map(|l| ((l.0, l.1), l.2))),
         calibration: calibration(),
         trajectory: trajectory(),

@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use tieline_filter::TieKind;
 
-use crate::outputs::drive::{bias_at, corrections, ranges_of_curve};
+use crate::outputs::drive::{corrections, ranges_of_curve};
 use crate::report::data::{Discrepancies, Discrepancy, TieCounts};
 use crate::report::drive::DriveReport;
 use crate::report::drive::data::{
     ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
     EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
 };
-use crate::report::drive::pairs;
-use crate::stage::drive::DriveSolution;
+use crate::report::drive::{pairs, ranges};
+use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::constants::Term;
 use crate::stage::drive::ties::Class;
 
@@ -21,7 +21,7 @@ const OUTAGE_S: f64 = 5.0;
 /// Spacing of the differences of the trajectories \[s\].
 const SPACING_S: f64 = 0.1;
 
-/// Summary and charts of a drive.
+/// Summary and charts of a drive; corrected files, times and memory are filled in later.
 pub(crate) fn gather(report: &DriveReport<'_>) -> (DriveSummary, DriveCharts) {
     let (matched, drive) = (report.matched, report.drive);
     let charts = charts(report);
@@ -56,12 +56,11 @@ pub(crate) fn gather(report: &DriveReport<'_>) -> (DriveSummary, DriveCharts) {
         ties_by_class,
         rejected: matched.ties.rejected.clone(),
         discrepancy,
-        calibration: calibration(drive),
+        difference_over: ranges::differences(&charts.pairs),
+        calibration: calibration(&drive.calibrated()),
         trajectory: trajectory(report, &charts),
-        files: report.files.to_vec(),
         notes: report.notes.to_vec(),
-        timing: report.timing.clone(),
-        peak_memory_bytes: report.peak_memory_bytes,
+        ..DriveSummary::default()
     };
     (summary, charts)
 }
@@ -183,17 +182,18 @@ fn discrepancies(of: impl Iterator<Item = ((f64, f64), bool)>) -> Discrepancies 
     Discrepancies { before, after, held_out_before, held_out_after }
 }
 
-fn calibration(drive: &DriveSolution) -> DriveCalibration {
-    let terms = drive.verdicts.iter().map(|v| TermSummary {
+/// Terms, values and range bias of a calibration.
+pub(crate) fn calibration(calibrated: &Calibrated<'_>) -> DriveCalibration {
+    let Calibrated { constants, estimate, ranges_m, verdicts } = calibrated;
+    let terms = verdicts.iter().map(|v| TermSummary {
         scanner: v.scanner,
         name: String::from(v.term.as_str()),
         estimated: v.needed,
         test: v.ratio,
         directions_not_seen: v.not_seen,
     });
-    let estimate = &drive.solution.calibration;
     let mut estimates = Vec::new();
-    for group in drive.constants.groups.iter().filter(|g| g.term != Term::Range) {
+    for group in constants.groups.iter().filter(|g| g.term != Term::Range) {
         let (unit, factor) = match group.term {
             Term::Boresight => ("deg", 1_f64.to_degrees()),
             Term::Latency => ("s", 1.0),
@@ -215,8 +215,8 @@ fn calibration(drive: &DriveSolution) -> DriveCalibration {
     }
     let curve = |scanner: usize| {
         let mut curve = CurveSummary { scanner, ..CurveSummary::default() };
-        for range_m in ranges_of_curve(drive, scanner) {
-            let (bias_m, sigma_m) = bias_at(drive, scanner, range_m)?;
+        for range_m in ranges_of_curve(calibrated, scanner) {
+            let (bias_m, sigma_m) = calibrated.bias_at(scanner, range_m)?;
             curve.range_m.push(range_m);
             curve.bias_m.push(bias_m);
             curve.sigma_m.push(sigma_m);
@@ -226,7 +226,7 @@ fn calibration(drive: &DriveSolution) -> DriveCalibration {
     DriveCalibration {
         terms: terms.collect(),
         estimates,
-        range_bias: (0..drive.ranges_m.len()).filter_map(curve).filter(|c| !c.range_m.is_empty()).collect(),
+        range_bias: (0..ranges_m.len()).filter_map(curve).filter(|c| !c.range_m.is_empty()).collect(),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::report::data::{Discrepancies, Discrepancy};
-use crate::report::drive::data::{ClassSummary, DriveCharts, DriveSummary};
+use crate::report::drive::data::{ClassSummary, DriveCalibration, DriveCharts, DriveSummary};
 use crate::report::findings::{Check, Grade};
 use crate::report::html::escape;
 use crate::report::number::{count, counted, duration, fixed, length, mm};
@@ -278,14 +278,15 @@ pub(crate) fn two_lines(summary: &DriveSummary, charts: &DriveCharts) -> String 
         mm(largest.length_m),
         place(summary, charts)
     );
-    format!("{first}\n{}; {}.", calibrated(summary), sure(summary))
+    format!("{first}\n{}; {}.", calibrated(&summary.calibration), sure(summary))
 }
 
-fn calibrated(summary: &DriveSummary) -> String {
+/// What was calibrated, in a sentence without its end.
+pub(crate) fn calibrated(calibration: &DriveCalibration) -> String {
     let names = |estimated: bool| -> Vec<String> {
         let mut names: Vec<String> = Vec::new();
-        for term in summary.calibration.terms.iter().filter(|t| t.estimated == estimated) {
-            let of = || summary.calibration.terms.iter().filter(|t| t.name == term.name && t.estimated == estimated);
+        for term in calibration.terms.iter().filter(|t| t.estimated == estimated) {
+            let of = || calibration.terms.iter().filter(|t| t.name == term.name && t.estimated == estimated);
             let scanners: Vec<String> = of().map(|t| t.scanner.to_string()).collect();
             let name = format!("{} ({})", term.name, scanners.join(", "));
             if !names.contains(&name) {

@@ -15,7 +15,7 @@ pub(crate) fn render(summary: &DriveSummary, charts: &DriveCharts) -> String {
         timeline::html(summary, charts),
         fit::html(summary, charts),
         ranges::bias(summary),
-        ranges::fit(charts),
+        ranges::fit(summary),
         map::html(summary, charts),
         calibration::terms(summary),
         calibration::innovations(summary),
@@ -134,6 +134,8 @@ mod tests {
         charts.sigma_before[7] = None;
         charts.lines[0].0 = f64::NAN;
         charts.pairs[0].difference_m = (f64::NAN, f64::NAN);
+        summary.difference_over[0].before[1].median_m = f64::NAN;
+        summary.difference_over[0].after[2].sigma_mad_m = f64::NAN;
         charts.pairs[1].east_north_m = [f64::NAN; 2];
         charts.pairs[2].range_m = f64::NAN;
         charts.path[3][1] = f64::NAN;
@@ -164,6 +166,7 @@ mod tests {
             "ties_by_class",
             "rejected",
             "discrepancy",
+            "difference_over",
             "calibration",
             "trajectory",
             "files",
@@ -188,6 +191,21 @@ mod tests {
         assert!(value["calibration"]["terms"][0]["estimated"].is_boolean());
         assert!(value["calibration"]["estimates"][0]["sigma"].is_number());
         assert!(value["timing"]["stage"].is_object() && value["timing"]["points_per_second"].is_number());
+    }
+
+    #[test]
+    fn a_page_of_what_was_stored_is_the_page() {
+        let (mut summary, mut charts) = example::drive();
+        summary.strips[0].largest_correction_m = f64::NAN;
+        summary.trajectory.last_change_sigma = f64::INFINITY;
+        summary.trajectory.outages[0].largest_sigma_enu_m[1] = f64::NAN;
+        summary.difference_over[0].before[1].median_m = f64::NAN;
+        charts.sigma_before[7] = None;
+        charts.lines[0].0 = f64::NAN;
+        charts.pairs[0].difference_m = (f64::NAN, 0.1);
+        let text = serde_json::to_string(&(&summary, &charts)).expect("JSON");
+        let (again, charts_again): (DriveSummary, DriveCharts) = serde_json::from_str(&text).expect("the same");
+        assert!(render(&summary, &charts) == render(&again, &charts_again));
     }
 
     #[test]

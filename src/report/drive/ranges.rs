@@ -4,15 +4,15 @@ use std::fmt::Write as _;
 
 use crate::report::chart::{Band, Chart, Curve, Mark, Panel};
 use crate::report::data::Discrepancy;
-use crate::report::drive::data::{CurveSummary, DriveCharts, DriveSummary, PairPoint};
-use crate::report::html::section;
-use crate::report::number::round_up;
+use crate::report::drive::data::{CurveSummary, DifferenceOver, DriveSummary, PairPoint};
+use crate::report::html::{Align, Table, section};
+use crate::report::number::{mm, round_up};
 use crate::stage::drive::ties::Class;
 
 const BIAS_LEAD: &str = "Measured less true range of each scanner, with twice its standard deviation either way. It is taken off \
 every point. A constant that all ranges have in common cannot be told from the lever arm or the height; it is held near nothing.";
-const FIT_LEAD: &str = "Each value is the median of pairs of sightings of like range, used and held out together; the band is the \
-robust standard deviation about it. Differences count towards the vehicle: scanner to scanner is the higher scanner number \
+const FIT_LEAD: &str = "Each value is the median of pairs of sightings of like range, of ties that the solution may use and of those held \
+out of it apart; the band is the robust standard deviation about it. Differences count towards the vehicle: scanner to scanner is the higher scanner number \
 less the lower within a visit, pass to pass and strip to strip the last sighting less the first. Without bias the line is flat at \
 zero, and pairs that took no part lie on the line of the others.";
 /// Bins are as wide as this share of the whole, or hold this share of the pairs, and this many at least.
@@ -62,103 +62,151 @@ fn bias_chart(curve: &CurveSummary, limit_mm: f64, farthest_m: f64) -> String {
     .html()
 }
 
-/// Differences over range and lateral distance.
-pub(crate) fn fit(charts: &DriveCharts) -> String {
-    let mut body = String::new();
+/// What differences are binned over: name, axis, value of a pair \[m\].
+type Over = (&'static str, &'static str, fn(&PairPoint) -> f64);
+const OVER: [Over; 2] = [
+    ("range", "range, m", |p| p.range_m),
+    ("lateral distance", "lateral distance, m (right of the vehicle above zero)", |p| p.lateral_m),
+];
+
+/// Differences of pairs over range and lateral distance, by class, of used ties and of those held out.
+pub(crate) fn differences(pairs: &[PairPoint]) -> Vec<DifferenceOver> {
+    let mut all = Vec::new();
     for class in [Class::ScannerToScanner, Class::PassToPass, Class::StripToStrip] {
-        let pairs: Vec<&PairPoint> = charts.pairs.iter().filter(|p| p.class == class).collect();
-        for (over, axis, x) in [
-            ("range", "range, m", (|p: &PairPoint| p.range_m) as fn(&PairPoint) -> f64),
-            ("lateral distance", "lateral distance, m (right of the vehicle above zero)", |p| p.lateral_m),
-        ] {
-            let chart = binned_chart(&pairs, class, over, axis, x);
-            if !chart.is_empty() {
-                let name = class.as_str();
-                let caption = format!("{}{}, over {over}", name[..1].to_uppercase(), &name[1..]);
-                let _ = write!(body, "<figure><figcaption>{caption}</figcaption>\n{chart}</figure>\n");
+        for (over, _, x) in OVER {
+            for held_out in [false, true] {
+                let mine: Vec<&PairPoint> =
+                    pairs.iter().filter(|p| p.class == class && p.held_out == held_out).collect();
+                let bins = bins(&mine, x);
+                if !bins.is_empty() {
+                    all.push(DifferenceOver {
+                        class: String::from(class.as_str()),
+                        over: String::from(over),
+                        held_out,
+                        at_m: bins.iter().map(|b| b.0).collect(),
+                        before: bins.iter().map(|b| b.1).collect(),
+                        after: bins.iter().map(|b| b.2).collect(),
+                    });
+                }
             }
+        }
+    }
+    all
+}
+
+/// Differences over range and lateral distance.
+pub(crate) fn fit(summary: &DriveSummary) -> String {
+    let find = |class: &str, over: &str, held_out: bool| {
+        let all = &summary.difference_over;
+        all.iter().find(|d| d.class == class && d.over == over && d.held_out == held_out)
+    };
+    let mut body = String::new();
+    let mut table = Table::new(
+        "Largest median of a bin, of ties used and of those held out",
+        &[
+            ("Class", "", Align::Text),
+            ("Over", "", Align::Text),
+            ("Before", "mm", Align::Number),
+            ("After", "mm", Align::Number),
+            ("Before", "mm", Align::Number),
+            ("After", "mm", Align::Number),
+        ],
+    )
+    .groups(&[("", 2), ("Used", 2), ("Held out", 2)]);
+    for class in [Class::ScannerToScanner, Class::PassToPass, Class::StripToStrip] {
+        let name = class.as_str();
+        let title = format!("{}{}", name[..1].to_uppercase(), &name[1..]);
+        for (over, axis, _) in OVER {
+            let Some(used) = find(name, over, false).filter(|d| d.at_m.len() > 1) else { continue };
+            let held = find(name, over, true);
+            let chart = binned_chart(used, held, axis);
+            if !chart.is_empty() {
+                let _ = write!(body, "<figure><figcaption>{title}, over {over}</figcaption>\n{chart}</figure>\n");
+            }
+            let worst = |bins: Option<&Vec<Discrepancy>>| {
+                mm(bins.into_iter().flatten().map(|d| d.median_m.abs()).fold(f64::NAN, f64::max))
+            };
+            let of_held = [worst(held.map(|d| &d.before)), worst(held.map(|d| &d.after))];
+            let [held_before, held_after] = of_held;
+            table.row(&[
+                title.clone(),
+                String::from(over),
+                worst(Some(&used.before)),
+                worst(Some(&used.after)),
+                held_before,
+                held_after,
+            ]);
         }
     }
     if body.is_empty() {
         return String::new();
     }
-    section("ranges", "Differences over range", FIT_LEAD, &format!("<div class=\"figures\">\n{body}</div>\n"))
+    let body = format!("<div class=\"figures\">\n{body}</div>\n{}", table.html());
+    section("ranges", "Differences over range", FIT_LEAD, &body)
 }
 
-/// Statistics of pairs in bins by x: middle, statistics. Bins are as wide as it takes to hold enough pairs, and not much wider, be
+/// Statistics of pairs in bins by x: middle, before, after. Bins are as wide as it takes to hold enough pairs, and not much wider, be
 /// pairs dense or rare.
-fn bins(pairs: &[&PairPoint], x: fn(&PairPoint) -> f64, value: fn(&PairPoint) -> f64) -> Vec<(f64, Discrepancy)> {
-    let mut rows: Vec<(f64, f64)> = pairs.iter().map(|p| (x(p), value(p))).collect();
-    rows.retain(|r| r.0.is_finite() && r.1.is_finite());
-    rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+fn bins(pairs: &[&PairPoint], x: fn(&PairPoint) -> f64) -> Vec<(f64, Discrepancy, Discrepancy)> {
+    let mut rows: Vec<[f64; 3]> = pairs.iter().map(|p| [x(p), p.difference_m.0, p.difference_m.1]).collect();
+    rows.retain(|r| r.iter().all(|v| v.is_finite()));
+    rows.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2])));
     // the outermost half per cent is too wide a bin
     let rows = &rows[rows.len() / 200..rows.len() - rows.len() / 200];
     let (Some(first), Some(last)) = (rows.first(), rows.last()) else { return Vec::new() };
-    let (most, widest) = (rows.len() / MOST_BINS, (last.0 - first.0) / MOST_BINS as f64);
+    let (most, widest) = (rows.len() / MOST_BINS, (last[0] - first[0]) / MOST_BINS as f64);
     let mut bins = Vec::new();
     let mut from = 0;
     for to in 1..=rows.len() {
         let group = &rows[from..to];
-        let full = group.len() >= most || group[group.len() - 1].0 - group[0].0 >= widest;
+        let full = group.len() >= most || group[group.len() - 1][0] - group[0][0] >= widest;
         if full && group.len() >= LEAST_PAIRS {
-            bins.push((group[group.len() / 2].0, Discrepancy::of(&group.iter().map(|r| r.1).collect::<Vec<_>>())));
+            let of = |k: usize| Discrepancy::of(&group.iter().map(|r| r[k]).collect::<Vec<_>>());
+            bins.push((group[group.len() / 2][0], of(1), of(2)));
             from = to;
         }
     }
     bins
 }
 
-fn binned_chart(pairs: &[&PairPoint], class: Class, over: &str, axis: &str, x: fn(&PairPoint) -> f64) -> String {
-    let held: Vec<&PairPoint> = pairs.iter().filter(|p| p.held_out).copied().collect();
-    let before = bins(pairs, x, |p| p.difference_m.0);
-    let after = bins(pairs, x, |p| p.difference_m.1);
-    let held_after = bins(&held, x, |p| p.difference_m.1);
-    if before.len() < 2 {
-        return String::new();
-    }
+fn binned_chart(used: &DifferenceOver, held: Option<&DifferenceOver>, axis: &str) -> String {
+    let held = held.filter(|h| h.at_m.len() > 1);
     // the left and right of lines that hardly anything lies beyond
-    let x_span = (before[0].0, before[before.len() - 1].0);
-    let spare = 0.03 * (x_span.1 - x_span.0).max(0.1);
-    let points = |bins: &[(f64, Discrepancy)]| bins.iter().map(|(x, d)| (*x, d.median_m * 1e3)).collect();
-    let band = |class: &'static str, bins: &[(f64, Discrepancy)]| {
+    let (first, last) = (used.at_m[0], used.at_m[used.at_m.len() - 1]);
+    let spare = 0.03 * (last - first).max(0.1);
+    let band = |class: &'static str, bins: &[Discrepancy]| {
         let around =
-            |(x, d): &(f64, Discrepancy)| (*x, (d.median_m - d.sigma_mad_m) * 1e3, (d.median_m + d.sigma_mad_m) * 1e3);
-        Band { class, points: bins.iter().map(around).collect() }
+            |(x, d): (&f64, &Discrepancy)| (*x, (d.median_m - d.sigma_mad_m) * 1e3, (d.median_m + d.sigma_mad_m) * 1e3);
+        Band { class, points: used.at_m.iter().zip(bins).map(around).collect() }
     };
-    let dots = |class, bins: &[(f64, Discrepancy)]| Curve { class, mark: Mark::Dots, points: points(bins) };
+    let dots = |class, of: &DifferenceOver, bins: &[Discrepancy]| {
+        let points = of.at_m.iter().zip(bins).map(|(x, d)| (*x, d.median_m * 1e3)).collect();
+        Curve { class, mark: Mark::Dots, points }
+    };
     // what was before may be much larger: what is left gets a panel of its own, at its own scale
-    let mut lines = vec![dots("after", &after)];
-    if held_after.len() > 1 {
-        lines.push(dots("held", &held_after));
-    }
-    let panels = vec![
-        Panel {
-            axis: String::from("before, mm"),
-            height: 110.0,
-            bands: vec![band("before", &before)],
-            curves: vec![dots("before", &before)],
-            ..Panel::default()
-        },
-        Panel {
-            axis: String::from("after, mm"),
-            height: 110.0,
-            bands: vec![band("after", &after)],
-            curves: lines,
-            ..Panel::default()
-        },
-    ];
+    let panel = |words: &str, class: &'static str, of: fn(&DifferenceOver) -> &Vec<Discrepancy>| Panel {
+        axis: format!("{words}, mm"),
+        height: 110.0,
+        bands: vec![band(class, of(used))],
+        curves: std::iter::once(dots(class, used, of(used)))
+            .chain(held.map(|held| dots("held", held, of(held))))
+            .collect(),
+        ..Panel::default()
+    };
+    let panels = vec![panel("before", "before", |d| &d.before), panel("after", "after", |d| &d.after)];
+    let pairs = |of: &DifferenceOver| of.after.iter().map(|d| d.n).sum::<usize>();
     let mut legend = vec![
-        ("dot", "before", format!("before, {} pairs", pairs.len())),
-        ("dot", "after", String::from("after")),
+        ("dot", "before", format!("used, before: {} pairs", pairs(used))),
+        ("dot", "after", String::from("used, after")),
         ("band", "after", String::from("± robust sd")),
     ];
-    if held_after.len() > 1 {
-        legend.push(("dot", "held", format!("after, the {} held out", held.len())));
+    if let Some(held) = held {
+        legend.push(("dot", "held", format!("held out, before and after: {} pairs", pairs(held))));
     }
     Chart {
-        label: format!("Difference of sightings, {}, over {over}, before and after", class.as_str()),
+        label: format!("Difference of sightings, {}, over {}, before and after", used.class, used.over),
         axis: String::from(axis),
-        limits: (x_span.0 - spare, x_span.1 + spare),
+        limits: (first - spare, last + spare),
         shaded: Vec::new(),
         panels,
         legend,
@@ -181,10 +229,36 @@ mod tests {
             held_out: false,
         };
         let pairs: Vec<PairPoint> = (0..1000).map(pair).collect();
-        let found = bins(&pairs.iter().collect::<Vec<_>>(), |p| p.range_m, |p| p.difference_m.1);
+        let found = bins(&pairs.iter().collect::<Vec<_>>(), |p| p.range_m);
         assert!((MOST_BINS - 1..=2 * MOST_BINS).contains(&found.len()), "{}", found.len());
         assert!(found.iter().all(|b| b.1.n >= LEAST_PAIRS));
-        assert!(found.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1.median_m <= w[1].1.median_m));
-        assert!(bins(&[], |p| p.range_m, |p| p.range_m).is_empty());
+        assert!(found.windows(2).all(|w| w[0].0 < w[1].0 && w[0].2.median_m <= w[1].2.median_m));
+        assert!(bins(&[], |p| p.range_m).is_empty());
+    }
+
+    #[test]
+    fn held_out_pairs_have_bins_of_their_own() {
+        let pair = |i: i32| PairPoint {
+            class: if i % 2 == 0 { Class::ScannerToScanner } else { Class::StripToStrip },
+            east_north_m: [0.0; 2],
+            // those held out are 7 mm apart before and 1 mm after, the others 5 mm and nothing
+            difference_m: if i % 5 == 0 { (0.007, 0.001) } else { (0.005, 0.0) },
+            range_m: f64::from(i % 97) * 0.3,
+            lateral_m: f64::from(i % 89) - 44.0,
+            held_out: i % 5 == 0,
+        };
+        let pairs: Vec<PairPoint> = (0..4000).map(pair).collect();
+        let found = differences(&pairs);
+        assert_eq!(found.len(), 8, "two classes, over two things, used and held out");
+        for d in &found {
+            let expected = if d.held_out { (0.007, 0.001) } else { (0.005, 0.0) };
+            let medians = d.before.iter().zip(&d.after).map(|(b, a)| (b.median_m, a.median_m));
+            assert!(medians.clone().count() > 5 && medians.clone().all(|m| m == expected), "{d:?}");
+        }
+        let summary = DriveSummary { difference_over: found, ..DriveSummary::default() };
+        let html = fit(&summary);
+        for words in ["over range", "over lateral distance", "held out, before and after", "7.0", "5.0", "1.0"] {
+            assert!(html.contains(words), "{words}: {html}");
+        }
     }
 }

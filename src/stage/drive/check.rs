@@ -1,14 +1,21 @@
 //! What can be wrong with the parts of a drive, found before the adjustment or by its misfit.
 
-use anyhow::{Result, bail};
+use std::collections::BTreeSet;
+
+use anyhow::{Context, Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
+use tieline_filter::Trajectory;
 use tieline_filter::time::SECONDS_PER_WEEK;
+use tieline_matching::SourceRule;
 
 use super::constants::{Constants, Term};
 use super::ties::DriveLine;
+use super::{NO_CRS, NO_TRAJECTORY, clock_shift_s};
 use crate::job::Matched;
 use crate::project::Project;
+use crate::sample::{Sample, block};
 use crate::stage::navigate::Measurements;
+use crate::survey::Survey;
 
 /// A correction beyond this many standard deviations of what was known beforehand is no correction.
 const FAR_OFF: f64 = 4.0;
@@ -16,6 +23,61 @@ const FAR_OFF: f64 = 4.0;
 const IN_PLANE: f64 = 0.1;
 /// And by less than this in the median where the lever arm is right: patches have some width.
 const SKEWED: f64 = 0.03;
+/// Of a sample's points, one of so many is looked at.
+const SAMPLED_EVERY: usize = 17;
+
+/// What is wrong with the parts of a drive and can be seen in a sample of its points, before all of them are read.
+///
+/// # Errors
+/// What is missing or does not fit, with both sides and a remedy.
+pub fn before_scan(
+    project: &Project,
+    survey: &Survey,
+    sample: &Sample,
+    rule: &SourceRule,
+    delivered: Option<&Trajectory>,
+    measurements: &Measurements,
+) -> Result<()> {
+    survey.crs.as_ref().context(NO_CRS)?;
+    let delivered = delivered.context(NO_TRAJECTORY)?;
+    let shift_s = clock_shift_s(&survey.clock, &measurements.clock);
+    let (first_s, last_s) = delivered.span_s();
+    for file in survey.strip_files() {
+        let Some([start_s, end_s]) = file.sampled_range_s.map(|range| range.map(|t| t + file.time_shift_s)) else {
+            continue;
+        };
+        of_one_time((start_s + shift_s, end_s + shift_s), measurements)?;
+        if start_s < first_s - 1e-3 || end_s > last_s + 1e-3 {
+            bail!(
+                "{} ({start_s:.3} s to {end_s:.3} s) is not covered by the trajectory ({first_s:.3} s to {last_s:.3} s): give the \
+                 trajectory of this drive, or check time systems (project.time, project.week, trajectory.time)",
+                file.las.path().display()
+            );
+        }
+    }
+    let mut points: Vec<(u16, f64, Vector3<f64>)> = Vec::new();
+    for (number, columns, first) in &sample.chunks {
+        let file = &survey.files[*number];
+        let (block, header) = (block(file, columns, &[], *first), file.las.header());
+        points.extend((0..columns.len()).step_by(SAMPLED_EVERY).map(|i| {
+            let raw = [columns.x[i], columns.y[i], columns.z[i]];
+            let place_m = Vector3::from_fn(|k, _| f64::from(raw[k]) * header.scale[k] + header.offset[k]);
+            (rule.source(&block, i).scanner(), columns.gps_time[i] + file.time_shift_s, place_m)
+        }));
+    }
+    // a sample may miss a scanner, and has none that is not there
+    let numbers: BTreeSet<u16> = points.iter().map(|p| p.0).collect();
+    let numbers: Vec<u16> = numbers.into_iter().collect();
+    scanners(project, &numbers)?;
+    if numbers.len() == project.platform.scanner.len() {
+        let beam = |(number, time_s, place_m): &(u16, f64, Vector3<f64>)| {
+            let scanner = u16::try_from(numbers.binary_search(number).ok()?).ok()?;
+            Some((scanner, delivered.pose_at(*time_s)?.body_vector_m(place_m)))
+        };
+        mounting(project, &points.iter().filter_map(beam).collect::<Vec<_>>())?;
+    }
+    Ok(())
+}
 
 /// Strips and measurements must be of one drive, and scanners those of the platform.
 ///
@@ -25,6 +87,12 @@ pub fn parts(project: &Project, matched: &Matched, measurements: &Measurements, 
     let strips = matched.strips.strips();
     let start_s = strips.iter().map(|s| s.start_s).fold(f64::INFINITY, f64::min) + shift_s;
     let end_s = strips.iter().map(|s| s.end_s).fold(f64::NEG_INFINITY, f64::max) + shift_s;
+    of_one_time((start_s, end_s), measurements)?;
+    scanners(project, matched.strips.scanner_numbers())
+}
+
+/// Strips, by their first and last time on the clock of the measurements \[s\], lie within the inertial measurements.
+fn of_one_time((start_s, end_s): (f64, f64), measurements: &Measurements) -> Result<()> {
     let (first_s, last_s) = measurements.inputs.imu.span_s();
     if start_s < first_s - 1.0 || end_s > last_s + 1.0 {
         let weeks = ((0.5 * (first_s + last_s) - 0.5 * (start_s + end_s)) / SECONDS_PER_WEEK).round();
@@ -40,7 +108,12 @@ pub fn parts(project: &Project, matched: &Matched, measurements: &Measurements, 
              give the IMU file of this drive, or leave out strips, or check time systems (project.time, project.week)"
         );
     }
-    let found = matched.strips.scanner_numbers().len();
+    Ok(())
+}
+
+/// Scanners of the strips, by their numbers in the files, are those of the platform.
+fn scanners(project: &Project, numbers: &[u16]) -> Result<()> {
+    let found = numbers.len();
     let known: Vec<u16> = project.platform.scanner.iter().map(|s| s.id).collect();
     if known.is_empty() {
         bail!(
@@ -53,29 +126,35 @@ pub fn parts(project: &Project, matched: &Matched, measurements: &Measurements, 
     if !missing.is_empty() {
         bail!(
             "the strips hold {found} scanners, 0 to {}, and [[platform.scanner]] has ids {known:?}: scanner {} is missing; ids count from 0 in the \
-             order of the numbers in the files ({:?})",
+             order of the numbers in the files ({numbers:?})",
             found.saturating_sub(1),
-            missing.join(", "),
-            matched.strips.scanner_numbers()
+            missing.join(", ")
         );
     }
     Ok(())
 }
 
+/// Beams of lines, as [`mounting`] takes them.
+#[must_use]
+pub fn beams_of(lines: &[DriveLine]) -> Vec<(u16, Vector3<f64>)> {
+    lines.iter().flat_map(|l| &l.ends).map(|e| (e.scanner, e.delivered_m)).collect()
+}
+
 /// Mounting angles in radians under a key in degrees, and axes of lever arms that are swapped or turned: the beams of a profile
-/// scanner then leave the plane across its axis. Gives what is to be said.
+/// scanner then leave the plane across its axis. A beam is a scanner and the vector from the IMU to what it hit, body axes \[m\]. Gives
+/// what is to be said.
 ///
 /// # Errors
 /// Names the scanner when its beams lie in a plane by radians and do not by degrees.
-pub fn mounting(project: &Project, lines: &[DriveLine]) -> Result<Vec<String>> {
+pub fn mounting(project: &Project, beams: &[(u16, Vector3<f64>)]) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     for scanner in &project.platform.scanner {
         let out_of_plane = |angles: [f64; 3], arm_m: [f64; 3]| {
             let [roll, pitch, yaw] = angles;
             let axis = UnitQuaternion::from_euler_angles(roll, pitch, yaw) * Vector3::x();
-            let ends = lines.iter().flat_map(|l| &l.ends).filter(|e| e.scanner == scanner.id);
+            let of_scanner = beams.iter().filter(|b| b.0 == scanner.id);
             let mut values: Vec<f64> =
-                ends.map(|e| axis.dot(&(e.delivered_m - Vector3::from(arm_m)).normalize()).abs()).collect();
+                of_scanner.map(|b| axis.dot(&(b.1 - Vector3::from(arm_m)).normalize()).abs()).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied()
         };

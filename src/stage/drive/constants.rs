@@ -24,7 +24,8 @@ const RANGE_BEND_LN: f64 = 0.5;
 const KNOT_LN: f64 = 0.125;
 
 /// A term of a scanner's calibration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Term {
     /// Rotation vector in the body frame \[rad\], on the left of the mounting.
     Boresight,

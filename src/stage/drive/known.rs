@@ -38,6 +38,11 @@ impl Known {
     }
 }
 
+/// Beyond these a calibration is none: lever arms \[m\], latencies \[s\], range corrections \[m\].
+const MOST_LEVER_ARM_M: f64 = 100.0;
+const MOST_LATENCY_S: f64 = 1.0;
+const MOST_RANGE_M: f64 = 1.0;
+
 /// Why a calibration cannot be taken as known.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -70,6 +75,20 @@ pub enum KnownError {
         scanner: u16,
         /// Those that it has.
         found: Vec<u16>,
+    },
+    /// A number that cannot be right.
+    #[error("calibrate.known {}: {key} of scanner {scanner} is {value:?}: {due}", path.display())]
+    Value {
+        /// File.
+        path: PathBuf,
+        /// Which.
+        scanner: u16,
+        /// Key.
+        key: &'static str,
+        /// What stands there.
+        value: Vec<f64>,
+        /// What is to stand there.
+        due: &'static str,
     },
     /// A range correction that cannot be right.
     #[error("calibrate.known {}: the range correction of scanner {scanner} {what}", path.display())]
@@ -118,7 +137,11 @@ pub fn load(project: &Project) -> Result<Vec<Known>, KnownError> {
     parse(&text, &path, project)
 }
 
-fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, KnownError> {
+/// What the text of a `calibration.toml` says beyond the platform of a project; `path` is named in errors.
+///
+/// # Errors
+/// File, scanner and remedy.
+pub fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, KnownError> {
     let file: File = toml::from_str(text)
         .map_err(|error| KnownError::Parse { path: path.to_path_buf(), message: error.to_string() })?;
     let is_taken = |term: Term| project.calibrate.known_terms.iter().any(|t| t.term() == term);
@@ -133,11 +156,26 @@ fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, Known
                 scanner: id,
                 found: file.platform.scanner.iter().map(|s| s.id).collect(),
             })?;
+            let latency_s = file.latency.iter().find(|l| l.scanner == id).map_or(0.0, |l| l.latency_s);
+            let limited = |key, value: &[f64], limit: f64, due| {
+                let is_right = value.iter().all(|v| v.abs() <= limit); // not so for what is no number
+                is_right.then_some(()).ok_or_else(|| KnownError::Value {
+                    path: path.to_path_buf(),
+                    scanner: id,
+                    key,
+                    value: value.to_vec(),
+                    due,
+                })
+            };
+            limited("lever_arm_m", &known.lever_arm_m, MOST_LEVER_ARM_M, "metres on a vehicle are due")?;
+            limited("mounting_deg", &known.mounting_deg, 360.0, "degrees within a turn are due")?;
+            limited("boresight_deg", &known.boresight_deg, 360.0, "degrees within a turn are due")?;
+            limited("latency_s", &[latency_s], MOST_LATENCY_S, "seconds, less than one, are due")?;
             let turned = body_from_scanner(&known) * body_from_scanner(&nominal).inverse();
             let wrong = |what| KnownError::Range { path: path.to_path_buf(), scanner: id, what };
             let curve = |r: &RangeCorrection| {
-                if !r.coefficients_m.iter().all(|c| c.is_finite()) {
-                    return Err(wrong("holds a coefficient that is not a number"));
+                if !r.coefficients_m.iter().all(|c| c.abs() <= MOST_RANGE_M) {
+                    return Err(wrong("holds a coefficient that is not a number, or beyond a metre"));
                 }
                 let spline = RangeSpline::of_coefficients(r.first_m, r.last_m, r.coefficients_m.len())
                     .ok_or_else(|| wrong("needs 0 < first_m < last_m and four coefficients or more"))?;
@@ -151,11 +189,7 @@ fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, Known
                 } else {
                     Vector3::zeros()
                 },
-                latency_s: file
-                    .latency
-                    .iter()
-                    .find(|l| l.scanner == id && is_taken(Term::Latency))
-                    .map_or(0.0, |l| l.latency_s),
+                latency_s: if is_taken(Term::Latency) { latency_s } else { 0.0 },
                 ranges: curves.map(curve).collect::<Result<_, _>>()?,
             })
         })
@@ -239,5 +273,40 @@ mod tests {
         refuse(&with("[0.0, 0.0]", "20.0"), "four coefficients");
         refuse(&with("[0.0, 0.0, 0.0, nan]", "20.0"), "not a number");
         refuse(&with("[0.0, 0.0, 0.0, 0.0]", "1.0"), "first_m < last_m");
+        refuse(&with("[0.0, 0.0, 0.0, 1e9]", "20.0"), "beyond a metre");
+        refuse(&PLATFORM.replace("[1.0, 0.2", "[nan, 0.2"), "lever_arm_m of scanner 0 is [NaN");
+        refuse(&PLATFORM.replace("135.0]", "inf]"), "mounting_deg");
+        refuse(&PLATFORM.replace("[0.1, 0.0, 0.0]", "[1e300, 0.0, 0.0]"), "boresight_deg");
+        refuse(&format!("{PLATFORM}[[latency]]\nscanner = 0\nlatency_s = 1e12\n"), "latency_s");
+    }
+
+    /// All that a file may hold.
+    const WHOLE: &str = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.1, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
+                         boresight_deg = [0.1, 0.0, 0.0]\n[[latency]]\nscanner = 0\nlatency_s = 0.001\n[[range_correction]]\nscanner = 0\n\
+                         first_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n";
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(4000))]
+
+        /// Pieces put in place of others: no panic, and what is taken moves a beam to a place that is a number.
+        #[test]
+        fn no_text_makes_a_panic_or_a_place_that_is_no_number(
+            edits in proptest::collection::vec(
+                (0..WHOLE.len(), 0..12_usize, "nan|inf|-inf|1e300|-1e-300|0|-1|4294967296|[\\[\\]=,.\"\n0-9a-z_-]{0,6}"),
+                0..5,
+            ),
+        ) {
+            let mut text = String::from(WHOLE);
+            for (at, length, piece) in &edits {
+                let from = (*at).min(text.len());
+                text.replace_range(from..(from + length).min(text.len()), piece);
+            }
+            if let Ok(known) = parse(&text, Path::new("c.toml"), &project("")) {
+                for one in &known {
+                    let moved = one.applied(&beam(), &Vector3::new(1.0, 0.2, -0.3)).body_vector_m;
+                    proptest::prop_assert!(moved.iter().all(|v| v.is_finite()), "{one:?} {text}");
+                }
+            }
+        }
     }
 }

@@ -3,9 +3,13 @@
 //! Top down: surface lines of [`crate::stage::ties`] become ties of the smoother ([`ties`], [`choose`]); the smoother estimates the
 //! trajectory and the calibration ([`constants`]) with them; the strips are corrected by the difference.
 
+pub mod alike;
+pub mod calibrated;
 pub mod check;
 pub mod choose;
+pub mod combine;
 pub mod constants;
+pub mod correction;
 pub mod curve;
 pub mod known;
 pub mod merge;
@@ -18,19 +22,27 @@ pub mod variance;
 use std::collections::BTreeSet;
 
 use anyhow::{Context, Result, bail};
+use serde::{Deserialize, Serialize};
 use tieline_filter::time::SECONDS_PER_WEEK;
-use tieline_filter::{Inputs, Pose, Solution, SurveyClock, Trajectory};
+use tieline_filter::{CalibrationEstimate, Inputs, Options, Pose, Solution, SurveyClock, Trajectory};
+use tieline_io::crs::Crs;
 
 use crate::job::{Clock, Matched};
 use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
+use calibrated::Calibrated;
 use choose::{Chosen, choose};
-use constants::Constants;
+use constants::{Constants, Term};
 use known::Known;
+use merge::Part;
 use need::{Verdict, judge};
 use ties::{DriveLine, lines};
 use variance::Factors;
 
+/// Why a drive without a reference system is refused.
+const NO_CRS: &str = "the reference system of the strips is not known: set project.crs";
+/// Why a drive without the trajectory that its strips were made with is refused.
+const NO_TRAJECTORY: &str = "a drive needs the trajectory that its strips were made with: [trajectory]";
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
@@ -57,22 +69,68 @@ pub struct DriveSolution {
     pub ranges_m: Vec<(f64, f64)>,
     /// What a person should be told.
     pub notes: Vec<String>,
-    /// Which terms of the calibration the data ask for.
-    pub verdicts: Vec<Verdict>,
+    /// What was decided on the way to it.
+    pub decisions: Decisions,
 }
 
 impl DriveSolution {
+    /// What there is to say of the calibration.
+    #[must_use]
+    pub fn calibrated(&self) -> Calibrated<'_> {
+        Calibrated {
+            constants: &self.constants,
+            estimate: &self.solution.calibration,
+            ranges_m: &self.ranges_m,
+            verdicts: &self.decisions.verdicts,
+        }
+    }
+
     /// The new pose at a time of the strips' clock, in the map; held a moment beyond the ends, where GNSS and IMU end before
     /// the last profile.
     #[must_use]
     pub fn pose_at(&self, time_s: f64) -> Option<Pose> {
-        let (first, last) = self.trajectory.span_s();
-        self.trajectory.pose_at(time_s.clamp(first, last)).filter(|_| time_s > first - HELD_S && time_s < last + HELD_S)
+        held_pose_at(&self.trajectory, time_s)
+    }
+}
+
+/// What an adjustment decides before its last pass; with these another one goes there at once.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Decisions {
+    /// What the variances of ties turned out to be multiplied by.
+    pub factors: Factors,
+    /// Which terms of the calibration the data ask for.
+    pub verdicts: Vec<Verdict>,
+    /// Lines, by row, and visits that say something else than others of their kind.
+    #[serde(default)]
+    pub strays: BTreeSet<Part>,
+}
+
+impl Decisions {
+    /// Judges the terms that were estimated; whether all of them are needed, so that nothing is left to be adjusted again without.
+    pub fn judge(&mut self, constants: &Constants, estimate: &CalibrationEstimate) -> bool {
+        let judged = judge(constants, estimate);
+        let settled = judged.iter().all(|v| v.needed);
+        self.verdicts.retain(|v| !v.needed);
+        self.verdicts.extend(judged);
+        self.verdicts.sort_by_key(|v| (v.scanner, v.term));
+        settled
+    }
+
+    /// Whether a term is in the adjustment.
+    #[must_use]
+    pub fn takes(&self, scanner: usize, term: Term) -> bool {
+        self.verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
     }
 }
 
 /// So far beyond its ends the new trajectory is held \[s\].
 const HELD_S: f64 = 0.002;
+
+/// The pose of a trajectory at a time \[s\], held a moment beyond the ends.
+fn held_pose_at(trajectory: &Trajectory, time_s: f64) -> Option<Pose> {
+    let (first, last) = trajectory.span_s();
+    trajectory.pose_at(time_s.clamp(first, last)).filter(|_| time_s > first - HELD_S && time_s < last + HELD_S)
+}
 
 /// Seconds from the strips' clock to that of the measurements.
 fn clock_shift_s(strips: &SurveyClock, measurements: &SurveyClock) -> f64 {
@@ -82,7 +140,128 @@ fn clock_shift_s(strips: &SurveyClock, measurements: &SurveyClock) -> f64 {
     }
 }
 
-/// Estimates trajectory and calibration of a drive, beyond what is known of its scanners.
+/// A drive that is ready to be adjusted.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    project: &'a Project,
+    matched: &'a Matched,
+    measurements: &'a Measurements,
+    known: &'a [Known],
+    crs: &'a Crs,
+    delivered: &'a Trajectory,
+    clock_shift_s: f64,
+    options: Options,
+    /// Nearest and farthest range of each scanner \[m\].
+    pub ranges_m: Vec<(f64, f64)>,
+    /// The same with the half per cent at either end left out \[m\].
+    pub inner_ranges_m: Vec<(f64, f64)>,
+    /// What is to be said of the platform.
+    pub notes: Vec<String>,
+}
+
+/// An adjustment with the sigmas that its ties turned out to have.
+#[derive(Debug)]
+pub struct Adjusted {
+    /// The constants that were estimated.
+    pub constants: Constants,
+    /// The smoother's result.
+    pub solution: Solution,
+    inputs: Inputs,
+    lines: Vec<DriveLine>,
+    chosen: Chosen,
+}
+
+impl<'a> Prepared<'a> {
+    /// Looks at the parts of a drive; what is known of its scanners is taken as it is.
+    ///
+    /// # Errors
+    /// When a part is missing, or does not fit the others.
+    pub fn new(
+        project: &'a Project,
+        matched: &'a Matched,
+        measurements: &'a Measurements,
+        known: &'a [Known],
+        memory_bytes: u64,
+        clock: &mut Clock,
+    ) -> Result<Self> {
+        let crs = matched.survey.crs.as_ref().context(NO_CRS)?;
+        let delivered = matched.poses.shared().context(NO_TRAJECTORY)?;
+        let clock_shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
+        check::parts(project, matched, measurements, clock_shift_s)?;
+        let scanners = matched.strips.scanner_numbers().len();
+        let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
+        let seen = clock.time("choose", || lines(matched, crs, &none, clock_shift_s))?;
+        if seen.is_empty() {
+            bail!(
+                "no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive"
+            );
+        }
+        let notes = check::mounting(project, &check::beams_of(&seen))?;
+        let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.0)).collect();
+        let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.005)).collect();
+        let mut options = options(project)?;
+        options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
+        options.ties.most_live = MOST_LIVE;
+        Ok(Self {
+            project,
+            matched,
+            measurements,
+            known,
+            crs,
+            delivered,
+            clock_shift_s,
+            options,
+            ranges_m,
+            inner_ranges_m,
+            notes,
+        })
+    }
+
+    /// Numbers of the scanners as they stand in the files, in order.
+    #[must_use]
+    pub fn scanner_numbers(&self) -> &[u16] {
+        self.matched.strips.scanner_numbers()
+    }
+
+    /// Adjusts with the terms that are decided for, range splines over `ranges_m`, until the factors of the variances settle; `rounds` counts
+    /// how often they have been found already.
+    ///
+    /// # Errors
+    /// When the smoother fails.
+    pub fn adjust(
+        &self,
+        ranges_m: &[(f64, f64)],
+        decisions: &mut Decisions,
+        rounds: &mut usize,
+        clock: &mut Clock,
+    ) -> Result<Adjusted> {
+        let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
+        let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
+        loop {
+            let (lines, chosen) = clock.time("choose", || {
+                let mut lines = lines(self.matched, self.crs, &constants, self.clock_shift_s)?;
+                decisions.factors.apply(&mut lines);
+                let chosen = choose(&lines, &decisions.strays, MOST_LIVE, self.delivered, self.clock_shift_s);
+                anyhow::Ok((lines, chosen))
+            })?;
+            let inputs = Inputs { ties: chosen.ties.clone(), ..self.measurements.inputs.clone() };
+            let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
+            let found = decisions.factors.after(&solution.tie_fits, &lines, &chosen);
+            // strays are looked for once the first adjustment is there
+            if *rounds >= MOST_ROUNDS || (*rounds > 0 && found.is_near(&decisions.factors)) {
+                return Ok(Adjusted { constants, solution, inputs, lines, chosen });
+            }
+            *rounds += 1;
+            decisions.factors = found;
+            let geodetic = solution.trajectory(&inputs, 0.0)?;
+            let trajectory = self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s);
+            decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
+        }
+    }
+}
+
+/// Estimates trajectory and calibration of a drive, beyond what is known of its scanners. What was decided before is taken as it is,
+/// else it is found here.
 ///
 /// # Errors
 /// When a part is missing, or the smoother fails.
@@ -91,80 +270,40 @@ pub fn solve(
     matched: &Matched,
     measurements: &Measurements,
     known: &[Known],
+    decided: Option<&Decisions>,
     memory_bytes: u64,
     clock: &mut Clock,
 ) -> Result<DriveSolution> {
-    let crs =
-        matched.survey.crs.as_ref().context("the reference system of the strips is not known: set project.crs")?;
-    let delivered = matched.poses.shared().context("a drive needs its trajectory: [trajectory]")?;
-    let shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
-    check::parts(project, matched, measurements, shift_s)?;
-    let scanners = matched.strips.scanner_numbers().len();
-    let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
-    let seen = clock.time("choose", || lines(matched, crs, &none, shift_s))?;
-    if seen.is_empty() {
-        bail!("no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive");
-    }
-    let of_platform = check::mounting(project, &seen)?;
-    let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.0)).collect();
-    let inner_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.005)).collect();
-    let mut options = options(project)?;
-    options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
-    options.ties.most_live = MOST_LIVE;
-    let mut verdicts: Vec<Verdict> = Vec::new();
-    let (mut factors, mut rounds, mut strays) = (Factors::default(), 0, BTreeSet::new());
+    let drive = Prepared::new(project, matched, measurements, known, memory_bytes, clock)?;
+    let mut decisions = decided.cloned().unwrap_or_default();
+    let mut rounds = if decided.is_some() { MOST_ROUNDS } else { 0 };
     // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
-    loop {
-        let constants = Constants::new(project, known, &ranges_m, |scanner, term| {
-            verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
-        });
-        let (lines, chosen) = clock.time("choose", || {
-            let mut lines = lines(matched, crs, &constants, shift_s)?;
-            factors.apply(&mut lines);
-            let chosen = choose(&lines, &strays, MOST_LIVE, delivered, shift_s);
-            anyhow::Ok((lines, chosen))
-        })?;
-        options.calibration_covariance = constants.covariance();
-        let inputs = Inputs { ties: chosen.ties.clone(), ..measurements.inputs.clone() };
-        let solution = clock.time("smoother", || smooth(project, &inputs, &options))?;
-        let geodetic = solution.trajectory(&inputs, 0.0)?;
-        let trajectory = crs.to_map(&geodetic)?.shifted_in_time(-shift_s);
-        let found = factors.after(&solution.tie_fits, &lines, &chosen);
-        if rounds < MOST_ROUNDS && (rounds == 0 || !found.is_near(&factors)) {
-            rounds += 1;
-            factors = found;
-            strays = stray::find(&lines, &solution.calibration.value, &trajectory, shift_s);
-            continue;
+    let Adjusted { constants, solution, inputs, lines, chosen } = loop {
+        let adjusted = drive.adjust(&drive.ranges_m, &mut decisions, &mut rounds, clock)?;
+        if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
+            break adjusted;
         }
-        let judged = judge(&constants, &solution.calibration);
-        let dropped = judged.iter().filter(|v| !v.needed).count();
-        verdicts.retain(|v| !v.needed);
-        verdicts.extend(judged);
-        if dropped > 0 {
-            continue;
-        }
-        verdicts.sort_by_key(|v| (v.scanner, v.term));
-        let mut notes = notes_of(&chosen, &solution, &verdicts);
-        notes.extend(factors.note());
-        notes.push(format!(
-            "{} lines that say something else than others of their kind about them were left out",
-            strays.len()
-        ));
-        notes.extend(of_platform);
-        notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
-        return Ok(DriveSolution {
-            solution,
-            inputs,
-            constants,
-            lines,
-            chosen,
-            trajectory,
-            clock_shift_s: shift_s,
-            ranges_m: inner_m,
-            notes,
-            verdicts,
-        });
-    }
+    };
+    let mut notes = notes_of(&chosen, &solution, &decisions.verdicts);
+    notes.extend(decisions.factors.note());
+    let astray = decisions.strays.len();
+    notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
+    notes.extend(drive.notes);
+    notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
+    let geodetic = solution.trajectory(&inputs, 0.0)?;
+    let trajectory = drive.crs.to_map(&geodetic)?.shifted_in_time(-drive.clock_shift_s);
+    Ok(DriveSolution {
+        solution,
+        inputs,
+        constants,
+        lines,
+        chosen,
+        trajectory,
+        clock_shift_s: drive.clock_shift_s,
+        ranges_m: drive.inner_ranges_m,
+        notes,
+        decisions,
+    })
 }
 
 /// What there is to say of the choice of ties and of the terms.
@@ -180,11 +319,18 @@ fn notes_of(chosen: &Chosen, solution: &Solution, verdicts: &[Verdict]) -> Vec<S
     if left_out > 0 {
         notes.push(format!("{left_out} ties do not fit all the others and were left out"));
     }
+    notes.extend(notes_of_terms(verdicts));
+    notes
+}
+
+/// What there is to say of terms.
+pub(crate) fn notes_of_terms(verdicts: &[Verdict]) -> Vec<String> {
+    let mut notes = Vec::new();
     for v in verdicts {
         let (scanner, term) = (v.scanner, v.term.as_str());
         if !v.needed {
             notes.push(format!("scanner {scanner}, {term}: the data do not ask for it; fixed at its nominal value"));
-        } else if v.term == constants::Term::Range {
+        } else if v.term == Term::Range {
             notes.push(format!("scanner {scanner}, {term}: a common constant cannot be told from heights and lever arms; it is held near nothing"));
         } else if v.not_seen > 0 {
             notes.push(format!(

@@ -30,7 +30,7 @@ const BELIEVED: std::ops::RangeInclusive<f64> = 0.04..=25.0;
 const SETTLED: f64 = 0.1;
 
 /// Factors of the variances, by kind.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Factors(pub [f64; KINDS.len()]);
 
 impl Default for Factors {

@@ -25,7 +25,8 @@ pub(super) fn solved_with_false_ties(project: &Path, seed: u64) -> Result<Errors
     let measurements = navigate::load(&project, &[])?;
     let mut matched = match_strips(&project, &options, &mut Clock::default())?;
     falsify(&mut matched, seed);
-    let solved = drive::solve(&project, &matched, &measurements, &[], DEFAULT_MEMORY_BYTES, &mut Clock::default())?;
+    let solved =
+        drive::solve(&project, &matched, &measurements, &[], None, DEFAULT_MEMORY_BYTES, &mut Clock::default())?;
     let trajectory = solved.solution.trajectory(&solved.inputs, 0.0)?;
     errors_within(data, &trajectory, &windows(&data.join("truth/outages.csv"), 0)?)
 }

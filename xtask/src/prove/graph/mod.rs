@@ -49,13 +49,13 @@ fn number(value: &serde_json::Value, key: &str) -> f64 {
 }
 
 /// Median of a few figures.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// CPU seconds of the threads of this process so far.
-fn cpu_s() -> f64 {
+pub(crate) fn cpu_s() -> f64 {
     let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return f64::NAN };
     tasks
         .filter_map(Result::ok)

@@ -1,4 +1,4 @@
-//! Line 4: registration of scan pairs, beside small_gicp's GICP in the same run.
+//! Line 4: registration of scan pairs, beside `small_gicp`'s GICP in the same run.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,7 +12,7 @@ use crate::prove::Row;
 use crate::prove::graph::{cpu_s, median};
 use crate::prove::real::root;
 
-/// CPU seconds of small_gicp's GICP on the pair, of an earlier run on this kind of machine, where it is not installed.
+/// CPU seconds of `small_gicp`'s GICP on the pair, of an earlier run on this kind of machine, where it is not installed.
 const PEER_CPU_S: f64 = 1.2;
 /// The known shift of one half of a strip \[m\].
 const SHIFT_M: Vector3<f64> = Vector3::new(0.3, -0.4, 0.2);
@@ -111,7 +111,7 @@ fn split(folder: &Path, line: &Points) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// The real pair in two halves, each registered alone: across the line (west, east) and along it (south, north).
+/// The real pair in two halves, each registered alone: cut across the flight (west, east: the lines run along x), and along it (south, north).
 fn halves(folder: &Path, first: &Points, second: &Points) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for (axis, middle_m, words) in [(0, 75.0, ["west", "east"]), (1, 50.0, ["south", "north"])] {

@@ -2,7 +2,9 @@
 
 use nalgebra::{DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
 use tieline_matching::mix;
-use tieline_matching::xyz::{Cloud, NotRegistered, Registration, SubmapOptions, register};
+use tieline_matching::xyz::{
+    Cloud, NotRegistered, Registration, SubmapOptions, SubmapRejection, SubmapTie, TileOptions, register, tie_submaps,
+};
 
 /// Numbers that look random, the same on every machine.
 struct Draws(u64);
@@ -232,4 +234,47 @@ fn points_that_are_no_numbers_are_left_out() {
     moving.extend([Vector3::new(f64::NAN, 0.0, 0.0), Vector3::new(0.0, f64::INFINITY, 0.0)]);
     let dirty = put_back(&fixed, &moving, &SubmapOptions::default()).expect("registered");
     assert_eq!(clean.fixed_from_moving, dirty.fixed_from_moving);
+}
+
+fn tied(fixed: &[Vector3<f64>], moving: &[Vector3<f64>]) -> Vec<SubmapTie> {
+    let times_s = [vec![100.0; fixed.len()], vec![500.0; moving.len()]];
+    let fixed = Cloud { points_m: fixed, time_s: &times_s[0] };
+    let moving = Cloud { points_m: moving, time_s: &times_s[1] };
+    tie_submaps(&fixed, &moving, &TileOptions { tile_m: 40.0, ..TileOptions::default() })
+}
+
+#[test]
+fn tiles_of_two_strips_are_tied_within_their_sigmas() {
+    let (mut count, mut sum) = (0, 0.0);
+    for seed in 0..4 {
+        let moving = shifted(&seen(village, 120.0, 2 * seed + 1), &-SHIFT_M);
+        for tie in tied(&seen(village, 120.0, 2 * seed), &moving).iter().filter(|t| t.rejection.is_none()) {
+            let found = tie.registration.as_ref().expect("a tie");
+            let error_m = found.shift_m - SHIFT_M;
+            sum += found.held.normalised_square(&DVector::from_column_slice(error_m.as_slice()));
+            count += found.held.rank();
+        }
+    }
+    assert!(count >= 80, "{count} of 108 directions");
+    #[allow(clippy::cast_precision_loss)]
+    let average = sum / count as f64;
+    assert!(average > 0.6 && average < 1.3, "eᵀΣ⁻¹e averages {average} of each direction held");
+}
+
+#[test]
+fn a_tile_that_was_moved_is_told_from_the_others() {
+    let off = |p: Vector3<f64>| if p.x < 40.0 && p.y < 40.0 { p + Vector3::new(0.1, 0.0, 0.0) } else { p } - SHIFT_M;
+    let moving: Vec<Vector3<f64>> = seen(village, 120.0, 7).into_iter().map(off).collect();
+    let found = tied(&seen(village, 120.0, 8), &moving);
+    assert_eq!(found[0].centre_m.map(f64::round), [20.0, 20.0]);
+    assert_eq!(found[0].rejection, Some(SubmapRejection::Neighbours));
+    let others = found.iter().skip(1).filter(|t| t.rejection.is_none()).count();
+    assert!(others >= 6, "{others} of eight whole tiles");
+}
+
+#[test]
+fn a_tile_that_nobody_can_judge_is_no_tie() {
+    let found = tied(&seen(village, 40.0, 1), &shifted(&seen(village, 40.0, 2), &-SHIFT_M));
+    assert!(found.iter().all(|t| t.rejection.is_some()));
+    assert!(found.iter().any(|t| t.rejection == Some(SubmapRejection::Alone)), "{:?}", found[0].rejection);
 }

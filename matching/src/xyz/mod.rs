@@ -11,6 +11,7 @@ mod held;
 mod normal_equations;
 mod slab;
 mod submap;
+mod submap_ties;
 mod voxels;
 
 pub use corner::{Corner, Edge};
@@ -19,3 +20,4 @@ pub use face::{Face, FaceOptions, faces};
 pub use facet::Facet;
 pub use held::Held;
 pub use submap::{Cloud, NotRegistered, Registration, SubmapOptions, register};
+pub use submap_ties::{SubmapRejection, SubmapTie, TileOptions, tie_submaps};

@@ -270,9 +270,9 @@ pub struct GraphSolveArgs {
     /// How the normal equations are solved
     #[arg(long, value_enum, default_value = "helmert")]
     pub method: GraphMethod,
-    /// What a section counts as between its junctions (bowie)
-    #[arg(long, value_enum, default_value = "schur")]
-    pub sections: GraphSections,
+    /// What a section counts as between its junctions (bowie; schur when left out)
+    #[arg(long, value_enum)]
+    pub sections: Option<GraphSections>,
     /// Error of relations of poses
     #[arg(long, value_enum, default_value = "plain")]
     pub convention: GraphConvention,

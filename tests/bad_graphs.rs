@@ -44,6 +44,18 @@ fn malformed_g2o() {
 }
 
 #[test]
+fn sections_are_for_bowie() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("a.g2o");
+    std::fs::write(&file, format!("{TWO}{EDGE}")).expect("written");
+    let output = graph(&["solve", path(&file), "--sections", "length"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("--method bowie"), "{message}");
+    assert!(graph(&["solve", path(&file), "--sections", "length", "--method", "bowie"]).status.success());
+}
+
+#[test]
 fn unknown_vertices_and_bad_information() {
     refuses("a.g2o", &format!("{TWO}EDGE_SE2 0 7 1 0 0 1 0 0 1 0 1\n"), &["line 3", "vertex 7", "nowhere"]);
     refuses("a.g2o", &format!("{TWO}EDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1\n"), &["line 3", "not positive definite"]);

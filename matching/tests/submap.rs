@@ -266,7 +266,7 @@ fn a_tile_that_was_moved_is_told_from_the_others() {
     let off = |p: Vector3<f64>| if p.x < 40.0 && p.y < 40.0 { p + Vector3::new(0.1, 0.0, 0.0) } else { p } - SHIFT_M;
     let moving: Vec<Vector3<f64>> = seen(village, 120.0, 7).into_iter().map(off).collect();
     let found = tied(&seen(village, 120.0, 8), &moving);
-    assert_eq!(found[0].centre_m.map(f64::round), [20.0, 20.0]);
+    assert!(found[0].centre_m.iter().all(|c| (c - 20.0).abs() < 1e-9), "the tile that was moved");
     assert_eq!(found[0].rejection, Some(SubmapRejection::Neighbours));
     let others = found.iter().skip(1).filter(|t| t.rejection.is_none()).count();
     assert!(others >= 6, "{others} of eight whole tiles");

@@ -22,6 +22,7 @@ pub(super) fn run(args: &GraphGenerateArgs, common: &Common, out: &mut impl Writ
     let (net, _) = simulate_net(args.stations, kind, args.seed);
     let stations = net.approximate_m.len();
     if !args.solve {
+        writeln!(out, "{stations} stations: the net is not written; add --solve to adjust it")?;
         return Ok(());
     }
     let mut problem = simulated::problem(&net);

@@ -12,8 +12,9 @@ use tieline_graph::robust::Kernel;
 use tieline_graph::system::System;
 use tieline_io::network::{Network, dynadjust, gama};
 
-use super::solve::{Setup, cpu_s, method_name};
+use super::solve::{Setup, method_name};
 use crate::cli::{Common, GraphMethod, GraphSolveArgs};
+use crate::cpu::of_living_threads_s as cpu_s;
 use crate::memory::peak_bytes;
 use crate::net::geodetic::GeodeticNet;
 
@@ -55,6 +56,7 @@ pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) 
         );
     }
     let mut net = GeodeticNet::new(read(args)?)?;
+    let before = net.problem.values.clone();
     let (begin, cpu) = (Instant::now(), cpu_s());
     let setup = Setup::of(args);
     let free = net.problem.unknown_count() <= MOST_UNKNOWNS;
@@ -91,7 +93,7 @@ pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) 
         "suspects": suspects(&net, &solution, scale),
     });
     if let Some(folder) = &args.out {
-        super::output::net(folder, &net, &value)?;
+        super::output::net(folder, &net, &before, &value)?;
     }
     if common.json {
         writeln!(out, "{value:#}")?;

@@ -53,28 +53,50 @@ pub(super) fn pose_graph(
     write(folder, "graph.svg", &plot(&place(before), &place(&problem.values), &links)?)
 }
 
-/// Writes `adjusted.json` and `net.svg`.
+/// Writes `adjusted.json` and `net.svg`, which draws how far stations moved from their approximate places, made larger where that is little.
 ///
 /// # Errors
 /// When the folder cannot be written.
-pub(super) fn net(folder: &Path, net: &GeodeticNet, result: &serde_json::Value) -> Result<()> {
+pub(super) fn net(folder: &Path, net: &GeodeticNet, before: &Values, result: &serde_json::Value) -> Result<()> {
     write(folder, "adjusted.json", &serde_json::to_string_pretty(result)?)?;
-    let values = &net.problem.values;
-    let points: Vec<(f64, f64)> = net
-        .problem
-        .variables()
-        .map(|id| match values.kind(id) {
+    let places = |values: &Values| -> Vec<(f64, f64)> {
+        let place = |id| match values.kind(id) {
             Kind::Point2 | Kind::Point3 => (values.get(id)[0], values.get(id)[1]),
             _ => (f64::NAN, f64::NAN),
-        })
-        .collect();
+        };
+        net.problem.variables().map(place).collect()
+    };
     let links: Vec<[usize; 2]> = net
         .problem
         .factors()
         .filter(|f| f.variables().len() >= 2)
         .map(|f| [f.variables()[0].index(), f.variables()[1].index()])
         .collect();
-    write(folder, "net.svg", &plot(&[], &points, &links)?)
+    let after = places(&net.problem.values);
+    let (before, times) = made_larger(&places(before), &after);
+    let text = plot(&before, &after, &links)?;
+    let caption = format!(
+        "<text x=\"30\" y=\"20\" font-family=\"sans-serif\" font-size=\"14\">blue: adjusted; grey: approximate{}</text>\n</svg>",
+        if times > 1.0 { format!(", {times:.0} times as far off as it was") } else { String::new() }
+    );
+    write(folder, "net.svg", &text.replace("</svg>", &caption))
+}
+
+/// Places before, moved away from those after by a round number of times what they are off, so that it can be seen; and that number.
+fn made_larger(before: &[(f64, f64)], after: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64) {
+    /// Of the plot's size.
+    const SEEN: f64 = 0.05;
+    let both = || before.iter().zip(after).filter(|(b, a)| finite_ref(b) && finite_ref(a));
+    let off = both().map(|(b, a)| (b.0 - a.0).hypot(b.1 - a.1)).fold(0.0, f64::max);
+    let span = |of: fn(&(f64, f64)) -> f64| {
+        let (low, high) =
+            both().map(|(_, a)| of(a)).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        high - low
+    };
+    let size = span(|p| p.0).max(span(|p| p.1));
+    let times = if off > 0.0 && size > 0.0 { 10_f64.powf((SEEN * size / off).log10().floor()).max(1.0) } else { 1.0 };
+    let larger = |(b, a): (&(f64, f64), &(f64, f64))| (a.0 + times * (b.0 - a.0), a.1 + times * (b.1 - a.1));
+    (before.iter().zip(after).map(larger).collect(), times)
 }
 
 /// Links before (grey) and after (blue), east to the right.

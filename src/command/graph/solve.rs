@@ -17,19 +17,9 @@ use tieline_graph::{Problem, Values, initialise};
 use super::robust::{self, Robust};
 use super::sections::Sections;
 use crate::cli::{Common, GraphConvention, GraphInitial, GraphMethod, GraphSections, GraphSolveArgs};
+use crate::cpu::of_living_threads_s as cpu_s;
 use crate::memory::peak_bytes;
 use crate::net::pose_graph;
-
-/// CPU seconds of the threads of this process so far.
-pub(super) fn cpu_s() -> f64 {
-    let Ok(tasks) = std::fs::read_dir("/proc/self/task") else { return 0.0 };
-    tasks
-        .filter_map(Result::ok)
-        .filter_map(|task| std::fs::read_to_string(task.path().join("schedstat")).ok())
-        .filter_map(|text| text.split_whitespace().next()?.parse::<f64>().ok())
-        .sum::<f64>()
-        * 1e-9
-}
 
 /// What a solution is told by.
 #[derive(Debug, Default)]
@@ -85,7 +75,7 @@ impl Setup {
     pub(super) fn of(args: &GraphSolveArgs) -> Self {
         Self {
             method: args.method,
-            sections: args.sections,
+            sections: args.sections.unwrap_or(GraphSections::Schur),
             leaf: args.leaf,
             memory: args.memory,
             blocks: args.blocks.clone(),
@@ -150,6 +140,9 @@ pub(super) fn adjust_net(problem: &mut Problem, setup: &Setup) -> Result<Outcome
 /// When a file cannot be read, the graph is not determined, or the output cannot be written.
 pub(super) fn run(args: &GraphSolveArgs, common: &Common, out: &mut impl Write) -> Result<()> {
     let path = args.files.first().context("name a file")?;
+    if args.sections.is_some() && args.method != GraphMethod::Bowie {
+        bail!("--sections is for --method bowie; add that, or leave --sections out");
+    }
     if super::geodetic::is_net(path) {
         return super::geodetic::run(args, common, out);
     }

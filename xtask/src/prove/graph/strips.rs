@@ -12,7 +12,7 @@ use tieline_graph::system::{Method, Order, System};
 use tieline_simulate::block::{BlockOptions, simulate_block};
 
 use super::super::Row;
-use super::cpu_s;
+use tieline::cpu::of_living_threads_s as cpu_s;
 
 /// Line 8, in a process of its own for its memory: `prove graph --only 8`.
 pub(crate) fn rows() -> Result<Vec<Row>> {

@@ -4,6 +4,7 @@
 
 use anyhow::{Context, Result};
 use nalgebra::{DVector, Matrix3, Vector3};
+use tieline::cpu::of_living_threads_s as cpu_s;
 use tieline::net::survey_vehicle::{
     LinkUse, VehicleGraph, VehicleModel, explicit_map, implicit_map, pinch, submap_links,
 };
@@ -17,7 +18,7 @@ use tieline_graph::{Values, VariableId};
 use tieline_simulate::survey_vehicle::{Route, VehicleTruth, simulate_vehicle};
 
 use super::super::Row;
-use super::{cpu_s, median};
+use super::median;
 
 const SEEDS: u64 = 50;
 /// A pose across the second block, where the first lap is farthest from what is held.

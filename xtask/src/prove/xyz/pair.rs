@@ -5,11 +5,12 @@ use std::process::Command;
 
 use anyhow::{Result, ensure};
 use nalgebra::{DVector, Vector3};
+use tieline::cpu::of_living_threads_s as cpu_s;
 use tieline_matching::xyz::{Registration, SubmapOptions, register};
 
 use super::clouds::{Points, flight_lines};
 use crate::prove::Row;
-use crate::prove::graph::{cpu_s, median};
+use crate::prove::graph::median;
 use crate::prove::real::root;
 
 /// CPU seconds of `small_gicp`'s GICP on the pair, of an earlier run on this kind of machine, where it is not installed.

@@ -20,6 +20,7 @@ mod sketch;
 mod strip;
 mod surface_line;
 mod tile;
+pub mod xyz;
 
 pub use accumulate::{Accumulator, GridOptions, PassCounts};
 pub use block::{CONTROL_FILE, PointBlock, PointFilter, Returns, ScannerField, SourceKey, SourceRule};

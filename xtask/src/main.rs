@@ -21,7 +21,7 @@ enum Task {
     /// Runs every line of a proof; prints name, value, bound, pass or fail; fails if any fails
     Prove {
         /// Which proof
-        #[arg(value_parser = ["strips", "filter", "mobile", "graph"])]
+        #[arg(value_parser = ["strips", "filter", "mobile", "graph", "xyz"])]
         what: String,
         /// Only the lines whose name begins with this, or with one of these between commas
         #[arg(long)]
@@ -37,6 +37,7 @@ fn main() -> anyhow::Result<()> {
         Task::Figures => figures::draw(),
         Task::Prove { what, only, .. } if what == "filter" => prove::filter(only.as_deref()),
         Task::Prove { what, only, .. } if what == "graph" => prove::graph(only.as_deref()),
+        Task::Prove { what, only, .. } if what == "xyz" => prove::xyz(only.as_deref()),
         Task::Prove { what, only, seeds } if what == "mobile" => prove::mobile(only.as_deref(), seeds),
         Task::Prove { only, .. } => prove::strips(only.as_deref()),
     }

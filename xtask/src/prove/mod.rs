@@ -1,4 +1,4 @@
-//! The proofs: strips, filter, drives and graphs.
+//! The proofs: strips, filter, drives, graphs and XYZ points.
 
 mod commands;
 mod filter;
@@ -9,6 +9,7 @@ mod real;
 mod same;
 mod statistics;
 mod vehicle;
+mod xyz;
 
 /// One line of a proof.
 pub(crate) struct Row {
@@ -127,6 +128,12 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
     }
     anyhow::ensure!(failed.is_empty(), "lines {failed:?} fail");
     Ok(())
+}
+
+/// Runs the proofs on XYZ points.
+pub(crate) fn xyz(only: Option<&str>) -> anyhow::Result<()> {
+    let proofs: [(&str, Proof); 1] = [("4 registration of scan pairs", xyz::registration)];
+    run(&proofs, only)
 }
 
 fn run(proofs: &[(&str, Proof)], only: Option<&str>) -> anyhow::Result<()> {

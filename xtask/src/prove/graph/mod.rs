@@ -49,7 +49,7 @@ fn number(value: &serde_json::Value, key: &str) -> f64 {
 }
 
 /// Median of a few figures.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

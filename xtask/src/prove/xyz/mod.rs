@@ -1,0 +1,6 @@
+//! Proofs on XYZ points.
+
+mod clouds;
+mod pair;
+
+pub(crate) use pair::registration;

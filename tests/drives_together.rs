@@ -188,7 +188,7 @@ fn ratios(constants: &Constants, estimate: &CalibrationEstimate, truth: &toml::T
 }
 
 /// Statistics of drives put together: errors over sigmas, and agreement. The scanners have no bumps in their range bias: at 3000 points a second
-/// patches are as wide as these, and smooth them by a millimetre in every drive alike, which no number of drives makes less. Some minutes:
+/// errors that all drives have alike are larger with them, which no number of drives makes less (docs/mobile.md). Some minutes:
 /// `cargo test --release --test drives_together -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes"]

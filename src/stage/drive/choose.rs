@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use tieline_filter::{FilterTie, TieKind, Trajectory};
 
 use super::merge::{Part, are_like, ends, merged};
-use super::ties::{DriveLine, End};
+use super::ties::{DriveLine, End, STEEP};
 
 /// The choice.
 #[derive(Debug, Clone, Default)]
@@ -109,17 +109,14 @@ impl Candidate {
     }
 }
 
-/// Height of a level surface's normal, at least.
-const LEVEL: f64 = 0.7;
-
-/// Level, or the direction of a steep surface from the vehicle in eighths of a half turn.
+/// Level, or the direction of a steep surface from the vehicle in eighths of a turn.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 pub(super) fn direction_class(line: &DriveLine) -> u8 {
-    if line.normal_up.abs() > LEVEL {
+    if line.normal_up.abs() > STEEP {
         return 0;
     }
-    let azimuth = line.normal_body.y.atan2(line.normal_body.x).rem_euclid(std::f64::consts::PI);
-    1 + ((azimuth / std::f64::consts::PI * 4.0 + 0.5) as u8 % 4)
+    let azimuth = line.normal_body.y.atan2(line.normal_body.x).rem_euclid(std::f64::consts::TAU);
+    1 + ((azimuth / std::f64::consts::TAU * 8.0 + 0.5) as u8 % 8)
 }
 
 /// Loop ties between well-known stretches stand this many times further apart.

@@ -16,6 +16,8 @@ use crate::job::Matched;
 
 pub use tieline_filter::TieClass as Class;
 
+/// A surface whose normal has less height than this is steep.
+pub const STEEP: f64 = 0.7;
 /// Sightings further apart than this are of different visits \[s\].
 pub const VISIT_GAP_S: f64 = 8.0;
 
@@ -47,7 +49,7 @@ pub struct DriveLine {
     pub row: usize,
     /// Unit normal, earth-centred axes.
     pub direction: Vector3<f64>,
-    /// Unit normal, map axes.
+    /// Unit normal, map axes: up, of steep surfaces towards the vehicle at the first end.
     pub normal_map: Vector3<f64>,
     /// A point of the surface, map \[m\].
     pub point_map_m: Vector3<f64>,
@@ -144,14 +146,18 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
             });
         }
         let geodetic = crs.geodetic_from_map(&pose.position)?;
-        let normal_ned = pose.ned_vector_m(&(pose.position + measured.normal)).normalize();
+        // a wall's normal leads towards the vehicle: by its own height its sign would be chance, and like lines not be alike
+        let away = measured.normal.z.abs() <= STEEP
+            && measured.normal.dot(&(measured.point_m + origin_m - pose.position)) > 0.0;
+        let normal_map = if away { -measured.normal } else { measured.normal };
+        let normal_ned = pose.ned_vector_m(&(pose.position + normal_map)).normalize();
         lines.push(DriveLine {
             row: *row,
             direction: ned_from_ecef(geodetic.x, geodetic.y).transpose() * normal_ned,
             normal_body: pose.ned_from_body.inverse_transform_vector(&normal_ned),
-            normal_map: measured.normal,
+            normal_map,
             point_map_m: measured.point_m + origin_m,
-            normal_up: measured.normal.z,
+            normal_up: normal_map.z,
             ends,
             held_out: *held_out,
         });

@@ -117,6 +117,10 @@ impl Settings {
 
         // from a vehicle a façade is near: its foot and its eaves are seen at ranges that differ by metres
         let wall_layers = project.imu.is_some().then(|| 2_u32 << levels);
+        if let Some(layers) = wall_layers {
+            let reason = "twice the width of the largest patch: from a vehicle, ranges change along a façade";
+            tell("match.patch_m, height on walls", format!("{}", f64::from(layers) * cell_m), reason);
+        }
 
         let min_points = m.min_points.unwrap_or(8);
         tell("match.min_points", min_points.to_string(), "a plane with a residual that means something");

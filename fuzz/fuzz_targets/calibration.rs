@@ -4,7 +4,7 @@
 use libfuzzer_sys::fuzz_target;
 use nalgebra::Vector3;
 use tieline::project::parse_str;
-use tieline::stage::drive::constants::Beam;
+use tieline::stage::drive::constants::{Beam, Spread};
 use tieline::stage::drive::known::parse;
 
 const PROJECT: &str = "[[strips]]\npath = \"*.laz\"\n[imu]\npath = \"imu.txt\"\ngrade = \"ap60\"\n[platform]\n[[platform.scanner]]\nid = 0\n\
@@ -19,6 +19,7 @@ fuzz_target!(|data: &[u8]| {
         body_vector_m: Vector3::new(4.0, -3.0, 2.0),
         velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
         rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
+        patch: Spread::default(),
     };
     for one in &known {
         let moved = one.applied(&beam, &Vector3::new(1.0, 0.2, -0.3)).body_vector_m;

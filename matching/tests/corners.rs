@@ -1,28 +1,17 @@
 //! Corners of hipped roofs, found and matched between two sightings whose truth is known.
 
+mod common;
+
 use std::collections::BTreeMap;
 
+use common::Draws;
 use nalgebra::Vector3;
 use tieline_matching::xyz::{CornerOptions, CornerTie, NotTied, corners, match_corners};
-use tieline_matching::{Moments, Patch, Sighting, mix};
+use tieline_matching::{Moments, Patch, Sighting};
 
 const NOISE_M: f64 = 0.015;
 const STEPS_PER_METRE: f64 = 16_384.0;
 const SHIFT_M: Vector3<f64> = Vector3::new(0.21, -0.17, 0.12);
-
-struct Draws(u64);
-
-impl Draws {
-    #[allow(clippy::cast_precision_loss)]
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(1);
-        (mix(self.0.wrapping_mul(0x9e37_79b9_7f4a_7c15)) >> 11) as f64 / 9_007_199_254_740_992.0
-    }
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
 
 /// A hipped roof of 12 × 8 m about 0, 0, slopes of 35°: its ridge ends, where three planes meet, are at x = ± 2.
 fn hipped(x: f64, y: f64) -> f64 {

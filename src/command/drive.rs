@@ -57,7 +57,19 @@ pub fn run(
     let folder = options.out.join("corrected");
     solved.summary.files =
         correct_drive(project, &matched, &solved.correction, false, &folder, options.progress, &mut clock)?;
-    solved.summary.timing = clock.timing(matched.points);
+    conclude(solved, matched.points, options, &clock, common, out)
+}
+
+/// Writes the report with what the job took, and says how it went; `points` were read.
+fn conclude(
+    mut solved: SolvedDrive,
+    points: u64,
+    options: &JobOptions,
+    clock: &Clock,
+    common: &Common,
+    out: &mut impl Write,
+) -> Result<()> {
+    solved.summary.timing = clock.timing(points);
     solved.summary.peak_memory_bytes = peak_bytes();
     write_report(&options.out, &solved.summary, &solved.charts)?;
     finish(&solved, &options.out, common, out)
@@ -111,11 +123,8 @@ pub fn solve(
     let measurements = clock.time("read", || load(project, masks))?;
     let solving = Solving { project, options, matched: &matched, measurements: &measurements };
     let solved = solving.estimate(decided.as_ref(), &mut clock)?;
-    let mut solved = solving.write(&solved, note.as_slice(), args.csv, &mut clock)?;
-    solved.summary.timing = clock.timing(matched.points);
-    solved.summary.peak_memory_bytes = peak_bytes();
-    write_report(&options.out, &solved.summary, &solved.charts)?;
-    finish(&solved, &options.out, common, out)
+    let solved = solving.write(&solved, note.as_slice(), args.csv, &mut clock)?;
+    conclude(solved, matched.points, options, &clock, common, out)
 }
 
 /// Writes the corrected strips of a drive into the second of two folders, or takes its corrections off strips; the report in the first then

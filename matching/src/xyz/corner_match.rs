@@ -1,10 +1,10 @@
 //! Corners found among the patches of one sighting, and matched between two.
 
 use nalgebra::{Matrix3, Vector3};
-use rstar::{AABB, RTree, RTreeObject};
+use rstar::{AABB, RTree};
 
 use super::corner::Corner;
-use super::face::{Face, FaceOptions, faces};
+use super::face::{Boxed, Face, FaceOptions, faces};
 use crate::patch::Patch;
 
 /// How corners are found and matched.
@@ -93,19 +93,6 @@ impl CornerTie {
     }
 }
 
-struct At {
-    row: usize,
-    low: [f64; 3],
-    high: [f64; 3],
-}
-
-impl RTreeObject for At {
-    type Envelope = AABB<[f64; 3]>;
-    fn envelope(&self) -> Self::Envelope {
-        AABB::from_corners(self.low, self.high)
-    }
-}
-
 fn around(point_m: &Vector3<f64>, reach_m: f64) -> AABB<[f64; 3]> {
     AABB::from_corners(point_m.map(|v| v - reach_m).into(), point_m.map(|v| v + reach_m).into())
 }
@@ -117,7 +104,7 @@ pub fn corners(patches: &[Patch], options: &CornerOptions) -> Vec<Corner> {
     let faces = faces(patches, &options.face);
     let boxed = |(row, face): (usize, &Face)| {
         let (low, high) = face.extent_m(options.support_m);
-        At { row, low, high }
+        Boxed { row, low, high }
     };
     let tree = RTree::bulk_load(faces.iter().enumerate().map(boxed).collect());
     let mut found = Vec::new();
@@ -170,7 +157,7 @@ fn same_planes(a: &Corner, b: &Corner, angle_rad: f64) -> bool {
 }
 
 /// The rows of `others` that might be `corner`, nearest first.
-fn candidates(corner: &Corner, others: &[Corner], tree: &RTree<At>, options: &CornerOptions) -> Vec<(f64, usize)> {
+fn candidates(corner: &Corner, others: &[Corner], tree: &RTree<Boxed>, options: &CornerOptions) -> Vec<(f64, usize)> {
     let mut found: Vec<(f64, usize)> = tree
         .locate_in_envelope_intersecting(around(&corner.point_m, options.search_m))
         .map(|at| ((others[at.row].point_m - corner.point_m).norm(), at.row))
@@ -182,8 +169,8 @@ fn candidates(corner: &Corner, others: &[Corner], tree: &RTree<At>, options: &Co
     found
 }
 
-fn tree_of(corners: &[Corner]) -> RTree<At> {
-    let at = |(row, c): (usize, &Corner)| At { row, low: c.point_m.into(), high: c.point_m.into() };
+fn tree_of(corners: &[Corner]) -> RTree<Boxed> {
+    let at = |(row, c): (usize, &Corner)| Boxed { row, low: c.point_m.into(), high: c.point_m.into() };
     RTree::bulk_load(corners.iter().enumerate().map(at).collect())
 }
 
@@ -223,7 +210,7 @@ const JUDGES: usize = 2;
 ///
 /// A neighbour is another tie not rejected so far, within reach but not at the same place: corners of one wall share
 /// their error, and would bear each other out.
-fn agree(ties: &mut [CornerTie], tree: &RTree<At>, options: &CornerOptions) {
+fn agree(ties: &mut [CornerTie], tree: &RTree<Boxed>, options: &CornerOptions) {
     let differences: Vec<Option<(Vector3<f64>, Matrix3<f64>)>> =
         ties.iter().map(|t| t.difference().filter(|_| t.rejection.is_none())).collect();
     for row in 0..ties.len() {

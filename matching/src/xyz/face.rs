@@ -90,10 +90,11 @@ impl Sums {
     }
 }
 
-struct Boxed {
-    row: usize,
-    low: [f64; 3],
-    high: [f64; 3],
+/// An upright box of something in a row, for the tree \[m\].
+pub(super) struct Boxed {
+    pub(super) row: usize,
+    pub(super) low: [f64; 3],
+    pub(super) high: [f64; 3],
 }
 
 impl RTreeObject for Boxed {

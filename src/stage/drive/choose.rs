@@ -11,7 +11,8 @@ use nalgebra::Vector2;
 use tieline_filter::{FilterTie, TieKind, Trajectory};
 
 use super::merge::{Part, are_like, ends, merged};
-use super::ties::{DriveLine, End, STEEP};
+use super::ties::{DriveLine, End};
+use crate::project::SurfaceWord;
 
 /// The choice.
 #[derive(Debug, Clone, Default)]
@@ -112,7 +113,7 @@ impl Candidate {
 /// Level, or the direction of a steep surface from the vehicle in eighths of a turn.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 pub(super) fn direction_class(line: &DriveLine) -> u8 {
-    if line.normal_up.abs() > STEEP {
+    if SurfaceWord::of(line.normal_up) == SurfaceWord::Level {
         return 0;
     }
     let azimuth = line.normal_body.y.atan2(line.normal_body.x).rem_euclid(std::f64::consts::TAU);

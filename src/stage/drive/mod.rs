@@ -237,13 +237,15 @@ impl<'a> Prepared<'a> {
     ) -> Result<Adjusted> {
         let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
         let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
+        // as measured: of the rounds only the variances differ
+        let measured = clock.time("choose", || lines(self.matched, self.crs, &constants, self.clock_shift_s))?;
         loop {
             let (lines, chosen) = clock.time("choose", || {
-                let mut lines = lines(self.matched, self.crs, &constants, self.clock_shift_s)?;
+                let mut lines = measured.clone();
                 decisions.factors.apply(&mut lines);
                 let chosen = choose(&lines, &decisions.strays, MOST_LIVE, self.delivered, self.clock_shift_s);
-                anyhow::Ok((lines, chosen))
-            })?;
+                (lines, chosen)
+            });
             let inputs = Inputs { ties: chosen.ties.clone(), ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
             let found = decisions.factors.after(&solution.tie_fits, &lines, &chosen);

@@ -13,11 +13,10 @@ use tieline_matching::{Patch, measure};
 
 use super::constants::{Beam, Constants, Spread};
 use crate::job::Matched;
+use crate::project::SurfaceWord;
 
 pub use tieline_filter::TieClass as Class;
 
-/// A surface whose normal has less height than this is steep.
-pub const STEEP: f64 = 0.7;
 /// Sightings further apart than this are of different visits \[s\].
 pub const VISIT_GAP_S: f64 = 8.0;
 
@@ -147,7 +146,7 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
         }
         let geodetic = crs.geodetic_from_map(&pose.position)?;
         // a wall's normal leads towards the vehicle: by its own height its sign would be chance, and like lines not be alike
-        let away = measured.normal.z.abs() <= STEEP
+        let away = SurfaceWord::of(measured.normal.z) == SurfaceWord::Steep
             && measured.normal.dot(&(measured.point_m + origin_m - pose.position)) > 0.0;
         let normal_map = if away { -measured.normal } else { measured.normal };
         let normal_ned = pose.ned_vector_m(&(pose.position + normal_map)).normalize();

@@ -9,6 +9,7 @@ use tieline_filter::TieFit;
 
 use super::choose::Chosen;
 use super::ties::DriveLine;
+use crate::project::SurfaceWord;
 
 /// Kinds of ties that have a factor of their own: increments and loops, of level surfaces, of steep ones, and of steep ones far away, where few
 /// points stand for much wall.
@@ -42,7 +43,10 @@ impl Default for Factors {
 /// Kind of a line.
 fn kind(line: &DriveLine) -> usize {
     let is_far = line.ends.iter().any(|e| e.range_m > FAR_M);
-    let surface = if line.normal_up.abs() > 0.7 { 0 } else { 1 + usize::from(is_far) };
+    let surface = match SurfaceWord::of(line.normal_up) {
+        SurfaceWord::Level => 0,
+        SurfaceWord::Steep => 1 + usize::from(is_far),
+    };
     3 * usize::from(line.visits() > 1) + surface
 }
 

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_graph::Model;
 use tieline_io::las::Columns;
+use tieline_matching::xyz::texture::SpotTie;
 use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
 
 use crate::cpu;
@@ -22,6 +23,7 @@ use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::navigate::Measurements;
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
+use crate::stage::texture::{Pavement, spots};
 use crate::stage::ties::{ControlPoint, Ties, find};
 use crate::stage::trajectory::{Poses, load};
 use crate::survey::Survey;
@@ -91,6 +93,8 @@ pub struct Matched {
     pub poses: Poses,
     /// Ties.
     pub ties: Ties,
+    /// Spots of pavement, where they were looked for.
+    pub spots: Vec<SpotTie>,
     /// Points read.
     pub points: u64,
 }
@@ -133,7 +137,11 @@ fn match_all(
         }
         anyhow::Ok((settings, sample.chunks.iter().map(|c| c.1.len() as u64).sum()))
     })?;
-    let scanned = clock.time("scan", || scan(&survey, &settings, &options.progress))?;
+    let pavement = given.as_ref().filter(|_| measurements.is_some() && project.matching.xyz.texture()).map(|given| {
+        Pavement::new(project, given, survey.origin_m, options.memory_bytes, rayon::current_num_threads())
+    });
+    let mut scanned = clock.time("scan", || scan(&survey, &settings, pavement.as_ref(), &options.progress))?;
+    let points_of_pavement = scanned.pavement.take();
     let points = scanned.counts.read;
     clock.passed("open", sampled, survey.points());
     clock.passed("scan", points, survey.points());
@@ -150,8 +158,14 @@ fn match_all(
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
     let ties = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
+    let mut spots_of_pavement = Vec::new();
+    if let Some((points, trajectory)) = points_of_pavement.zip(poses.shared()) {
+        let (found, note) = clock.time("texture", || spots(&points, trajectory))?;
+        spots_of_pavement = found;
+        poses.notes.push(note);
+    }
     let (rule, sigma_floor_m, settings) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.list);
-    Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, points })
+    Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, spots: spots_of_pavement, points })
 }
 
 /// The error of points whose time is not a number: names the first of them.

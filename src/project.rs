@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
     CalibrateSection, CorrectSection, KnownTerm, MatchSection, ReturnsChoice, ScannerChoice, SolveSection, SplitChoice,
-    SplitWord, StripModelChoice, StripsSection, SurfaceWord,
+    SplitWord, StripModelChoice, StripsSection, SurfaceWord, XyzChoice,
 };
 
 use measurements::{

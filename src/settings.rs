@@ -163,6 +163,14 @@ impl Settings {
         if let Some(surfaces) = &limits.surfaces {
             tell("match.surfaces", format!("{surfaces:?}").to_lowercase(), asked);
         }
+        let xyz = match (m.xyz.texture(), &project.imu) {
+            (false, _) => None,
+            (true, Some(_)) => Some(("texture", "spots of pavement that several sightings show alike")),
+            (true, None) => Some(("none", "of strips, no XYZ points are looked for yet")),
+        };
+        if let Some((value, reason)) = xyz {
+            tell("match.xyz", String::from(value), reason);
+        }
         // a drive lives on increments: so many a second
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let of_drive = || {

@@ -11,6 +11,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tieline_graph::{Model, TimeModel};
 use tieline_io::output::WholeFile;
+use tieline_matching::xyz::texture::SpotTie;
 use tieline_matching::{SourceRule, StripIndex};
 
 use crate::job::Matched;
@@ -23,7 +24,7 @@ use crate::stage::trajectory::{PathReport, Poses, StoredPath};
 use crate::survey::Survey;
 
 /// Version of the files; a change of their shape raises it.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The result of `match` on disk.
 #[derive(Debug, Serialize, Deserialize)]
@@ -38,6 +39,7 @@ struct MatchState {
     reports: Vec<PathReport>,
     notes: Vec<String>,
     ties: Ties,
+    spots: Vec<SpotTie>,
     points: u64,
 }
 
@@ -108,6 +110,7 @@ pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
         reports: matched.poses.reports.clone(),
         notes: matched.poses.notes.clone(),
         ties: matched.ties.clone(),
+        spots: matched.spots.clone(),
         points: matched.points,
     };
     write(&out.join("stages/match.json"), &state)
@@ -148,6 +151,7 @@ pub fn load_match(project: &Project, out: &Path) -> Result<Matched> {
         strips: state.strips,
         poses,
         ties: state.ties,
+        spots: state.spots,
         points: state.points,
     })
 }

@@ -15,6 +15,7 @@ use crate::progress::Progress;
 use crate::project::Project;
 use crate::report::data::FileSummary;
 use crate::report::drive::{DriveReport, gather, three_lines, write_report};
+use crate::report::spots;
 use crate::stage::drive;
 use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::residuals::residuals;
@@ -186,6 +187,7 @@ impl Solving<'_> {
         let residuals = clock.time("write", || residuals(drive, matched));
         let written = clock.time("write", || -> Result<_> {
             write_drive(project, matched, drive, &residuals, folder, csv)?;
+            spots::write(folder, &matched.spots)?;
             let (crs, path) = (matched.survey.crs.as_ref(), folder.join("ties.txt"));
             write_tie_text_of(drive, &measurements.clock, crs, &path)?;
             write_navigation(folder, &drive.solution, &drive.inputs, &measurements.clock)

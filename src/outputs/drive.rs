@@ -1,6 +1,7 @@
 //! The files of a drive that others read: ties, range bias, calibration, correction over time.
 
 mod calibration;
+pub(crate) mod points;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -103,6 +104,7 @@ fn write_ties(
             );
         }
     }
+    points::push_points(&mut table, project, matched, drive);
     write_parquet(&out.join("ties.parquet"), &table)?;
     if csv {
         write_csv(&out.join("ties.csv"), &table)?;

@@ -104,6 +104,8 @@ pub struct MatchSection {
     pub area_m: Option<[f64; 4]>,
     /// Surfaces that take part; all when left out.
     pub surfaces: Option<Vec<SurfaceWord>>,
+    /// XYZ points that are looked for in drives.
+    pub xyz: XyzChoice,
     /// Width of the smallest patch \[m\] (taken to a power of two).
     pub patch_m: Option<f64>,
     /// How often the smallest patch may double.
@@ -126,6 +128,68 @@ pub struct MatchSection {
     pub hold_out: Option<f64>,
     /// Seed of the choice of held-out places.
     pub seed: Option<u64>,
+}
+
+/// `xyz`: `"off"`, `"auto"` or a list of kinds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(try_from = "XyzWords", into = "XyzWords")]
+pub enum XyzChoice {
+    /// None.
+    #[default]
+    Off,
+    /// Those that there are: texture for drives, none for strips.
+    Auto,
+    /// Texture of pavement.
+    Texture,
+}
+
+impl XyzChoice {
+    /// Whether texture is looked for in a drive.
+    #[must_use]
+    pub fn texture(self) -> bool {
+        self != Self::Off
+    }
+}
+
+/// `xyz` as it is written.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum XyzWords {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl TryFrom<XyzWords> for XyzChoice {
+    type Error = String;
+
+    fn try_from(words: XyzWords) -> Result<Self, String> {
+        const DUE: &str = "\"auto\", \"off\" or [\"texture\"] is due";
+        match words {
+            XyzWords::One(word) => match word.as_str() {
+                "off" => Ok(Self::Off),
+                "auto" => Ok(Self::Auto),
+                other => Err(format!("match.xyz = \"{other}\" is not known: {DUE}")),
+            },
+            XyzWords::Several(words) => match words.iter().find(|w| *w != "texture") {
+                None if words.is_empty() => Ok(Self::Off),
+                None => Ok(Self::Texture),
+                Some(word) if ["corner", "pole", "submap"].contains(&word.as_str()) => {
+                    Err(format!("match.xyz: \"{word}\" is not there for jobs yet: {DUE}"))
+                }
+                Some(word) => Err(format!("match.xyz: \"{word}\" is not known: {DUE}")),
+            },
+        }
+    }
+}
+
+impl From<XyzChoice> for XyzWords {
+    fn from(choice: XyzChoice) -> Self {
+        match choice {
+            XyzChoice::Off => Self::One(String::from("off")),
+            XyzChoice::Auto => Self::One(String::from("auto")),
+            XyzChoice::Texture => Self::Several(vec![String::from("texture")]),
+        }
+    }
 }
 
 /// `surfaces`: by the slope of their normal, whose height is 0.7 at 45°.

@@ -16,6 +16,7 @@ mod number;
 pub mod page;
 mod plot;
 mod section;
+pub(crate) mod spots;
 pub mod stations;
 mod text;
 mod write;

@@ -8,5 +8,6 @@ pub mod navigate;
 pub mod scan;
 pub mod solve;
 pub mod stations;
+pub mod texture;
 pub mod ties;
 pub mod trajectory;

@@ -8,7 +8,8 @@ use tieline_filter::grade::{DEG_PER_HOUR, DEG_PER_ROOT_HOUR, MILLIGAL, MPS_PER_R
 use tieline_filter::options::{ConstraintModel, OdometerModel};
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{
-    ImuGrade, InitialState, Inputs, NavState, Options, Smoother, Solution, SurveyClock, TimeEncoding, ned_from_body,
+    ImuGrade, InitialState, Inputs, NavState, Options, Smoother, Solution, SurveyClock, TieKind, TimeEncoding,
+    ned_from_body,
 };
 use tieline_io::measurements::{
     GnssFormat, GnssReadOptions, ImuFormat, ImuKind, ImuReadOptions, read_gnss, read_imu, read_odometer, read_points,
@@ -258,7 +259,9 @@ pub fn navigate(project: &Project, measurements: &Measurements, memory_bytes: u6
     let mut options = options(project)?;
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
     if !measurements.inputs.ties.is_empty() {
-        options.ties.most_live = drive::MOST_LIVE; // what `run` has chosen finds room again
+        // what `run` has chosen finds room again
+        let has_points = measurements.inputs.ties.iter().any(|t| t.kind == TieKind::XyzPoint);
+        options.ties.most_live = drive::MOST_LIVE + if has_points { drive::spots::MOST_LIVE } else { 0 };
     }
     smooth(project, &measurements.inputs, &options)
 }

@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 use tieline_io::las::Columns;
+use tieline_matching::xyz::texture::TexturePoints;
 use tieline_matching::{Accumulator, BinSketch, PassCounts, Run, Sketches, SourceKey};
 
 use crate::progress::Progress;
 use crate::sample::block;
 use crate::settings::Settings;
+use crate::stage::texture::{Keeping, Pavement};
 use crate::survey::Survey;
 
 /// What the pass gives.
@@ -21,13 +23,22 @@ pub struct Scan {
     pub sketches: Vec<((SourceKey, i64), BinSketch)>,
     /// Counts.
     pub counts: PassCounts,
+    /// Points of pavement, where they are asked for.
+    pub pavement: Option<TexturePoints>,
 }
 
-/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums.
+const TEMPORARY: &str = "a temporary file for patches cannot be written; free the disk or set TMPDIR";
+
+/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` are kept.
 ///
 /// # Errors
 /// The first chunk that cannot be read, with its file.
-pub fn scan(survey: &Survey, settings: &Settings, progress: &Progress) -> Result<Scan> {
+pub fn scan(
+    survey: &Survey,
+    settings: &Settings,
+    pavement: Option<&Pavement<'_>>,
+    progress: &Progress,
+) -> Result<Scan> {
     let tasks: Vec<(usize, usize)> = survey
         .files
         .iter()
@@ -38,34 +49,41 @@ pub fn scan(survey: &Survey, settings: &Settings, progress: &Progress) -> Result
     let threads = rayon::current_num_threads();
     let total: u64 = survey.files.iter().map(|f| f.las.header().point_count).sum();
     let bar = progress.bar("reading points", total);
-    let parts: Vec<Result<Accumulator>> = (0..threads)
+    let parts: Vec<Result<(Accumulator, Option<Keeping<'_>>)>> = (0..threads)
         .into_par_iter()
         .with_max_len(1)
         .map(|_| {
             let mut accumulator = Accumulator::new(settings.grid.clone());
+            let mut keeping = pavement.map(Pavement::keeping);
             let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
             while let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let file = &survey.files[*f];
                 file.las.read_columns(*chunk, &mut records, &mut columns)?;
                 zeros.resize(columns.len(), 0.0);
                 let points = file.las.chunk_points(*chunk);
-                accumulator
-                    .add(&block(file, &columns, &zeros, points.start))
-                    .context("a temporary file for patches cannot be written; free the disk or set TMPDIR")?;
+                let block = block(file, &columns, &zeros, points.start);
+                accumulator.add(&block).context(TEMPORARY)?;
+                if let Some(keeping) = &mut keeping {
+                    keeping.add(&block, &settings.grid).context(TEMPORARY)?;
+                }
                 bar.inc(points.end - points.start);
             }
-            Ok(accumulator)
+            Ok((accumulator, keeping))
         })
         .collect();
     bar.finish();
-    let mut scan = Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default() };
+    let mut scan = Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None };
+    let mut keepers = Vec::new();
     let mut sketches = Sketches::default();
     for part in parts {
-        let (runs, of_thread, counts) = part?.finish();
+        let (accumulator, keeping) = part?;
+        keepers.extend(keeping.map(Keeping::finish));
+        let (runs, of_thread, counts) = accumulator.finish();
         scan.runs.extend(runs);
         sketches.merge(of_thread);
         scan.counts.merge(&counts);
     }
     scan.sketches = sketches.into_sorted();
+    scan.pavement = pavement.map(|_| TexturePoints::new(keepers));
     Ok(scan)
 }

@@ -26,7 +26,7 @@ enum Task {
         /// Only the lines whose name begins with this, or with one of these between commas
         #[arg(long)]
         only: Option<String>,
-        /// Seeds of simulated drives (mobile); ten when left out
+        /// Seeds of simulated drives (mobile, xyz); ten when left out
         #[arg(long)]
         seeds: Option<u64>,
     },
@@ -37,7 +37,7 @@ fn main() -> anyhow::Result<()> {
         Task::Figures => figures::draw(),
         Task::Prove { what, only, .. } if what == "filter" => prove::filter(only.as_deref()),
         Task::Prove { what, only, .. } if what == "graph" => prove::graph(only.as_deref()),
-        Task::Prove { what, only, .. } if what == "xyz" => prove::xyz(only.as_deref()),
+        Task::Prove { what, only, seeds } if what == "xyz" => prove::xyz(only.as_deref(), seeds),
         Task::Prove { what, only, seeds } if what == "mobile" => prove::mobile(only.as_deref(), seeds),
         Task::Prove { only, .. } => prove::strips(only.as_deref()),
     }

@@ -1,7 +1,7 @@
 //! XYZ points: ties that hold two or three directions at one place, found without a person and without training.
 //!
 //! [`register`] ties two submaps, or two strips, by all the small surfaces that they share; [`corners`] finds where three
-//! planes meet, [`match_corners`] ties them between two sightings. The derivations are in `docs/xyz.md`.
+//! planes meet, [`match_corners`] ties them between two sightings; [`texture`] ties spots of pavement by their brightness. The derivations are in `docs/xyz.md`.
 
 mod corner;
 mod corner_match;
@@ -12,6 +12,7 @@ mod normal_equations;
 mod slab;
 mod submap;
 mod submap_ties;
+pub mod texture;
 mod voxels;
 
 pub use corner::{Corner, Edge};

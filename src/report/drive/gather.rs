@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use tieline_filter::TieKind;
 
+use crate::outputs::drive::points::fate;
 use crate::outputs::drive::{corrections, ranges_of_curve};
 use crate::report::data::{Discrepancies, Discrepancy, TieCounts};
 use crate::report::drive::DriveReport;
@@ -54,7 +55,7 @@ pub(crate) fn gather(report: &DriveReport<'_>) -> (DriveSummary, DriveCharts) {
         strips: strips(report, &charts),
         ties,
         ties_by_class,
-        rejected: matched.ties.rejected.clone(),
+        rejected: rejected(report),
         discrepancy,
         difference_over: ranges::differences(&charts.pairs),
         calibration: calibration(&drive.calibrated()),
@@ -133,6 +134,15 @@ fn strips(report: &DriveReport<'_>, charts: &DriveCharts) -> Vec<DriveStrip> {
     report.matched.strips.strips().iter().map(of).collect()
 }
 
+/// Ends of lines and matches of spots that were rejected, by reason.
+fn rejected(report: &DriveReport<'_>) -> BTreeMap<String, u64> {
+    let mut counts = report.matched.ties.rejected.clone();
+    for reason in report.matched.spots.iter().filter_map(|s| s.rejection) {
+        *counts.entry(format!("spot, {}", reason.as_str())).or_default() += 1;
+    }
+    counts
+}
+
 type Ties = BTreeMap<String, ClassSummary>;
 
 /// Ties by kind and by class: numbers of lines, and how far their sightings are apart.
@@ -156,6 +166,14 @@ fn ties(report: &DriveReport<'_>, pairs: &[PairPoint]) -> (Ties, Ties) {
         };
         count(&mut by_kind.entry(String::from(kind_of(i))).or_default().counts);
         count(&mut by_class.entry(String::from(line.class().as_str())).or_default().counts);
+    }
+    for point in &drive.points.0 {
+        let (is_used, _) = fate(drive, point);
+        for (of, name) in [(&mut by_kind, "xyz_point"), (&mut by_class, point.class.as_str())] {
+            let counts = &mut of.entry(String::from(name)).or_default().counts;
+            counts.found += 1;
+            counts.used += u64::from(is_used);
+        }
     }
     for (kind, summary) in &mut by_kind {
         let mine = report.residuals.iter().filter(|r| kind_of(r.line) == kind);

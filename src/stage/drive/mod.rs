@@ -15,6 +15,7 @@ pub mod known;
 pub mod merge;
 pub mod need;
 pub mod residuals;
+pub mod spots;
 pub mod stray;
 pub mod ties;
 pub mod variance;
@@ -36,6 +37,7 @@ use constants::{Constants, Term};
 use known::Known;
 use merge::Part;
 use need::{Verdict, judge};
+use spots::{PointTie, point_ties};
 use ties::{DriveLine, lines};
 use variance::Factors;
 
@@ -61,6 +63,8 @@ pub struct DriveSolution {
     pub lines: Vec<DriveLine>,
     /// Which of them became ties.
     pub chosen: Chosen,
+    /// Spots of pavement that are ties, and of them those that went to the smoother, after those of lines.
+    pub points: (Vec<PointTie>, Vec<PointTie>),
     /// The new trajectory in the map, on the clock of the strips.
     pub trajectory: Trajectory,
     /// Seconds from the strips' clock to that of the measurements.
@@ -94,7 +98,7 @@ impl DriveSolution {
 }
 
 /// What an adjustment decides before its last pass; with these another one goes there at once.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Decisions {
     /// What the variances of ties turned out to be multiplied by.
     pub factors: Factors,
@@ -103,6 +107,19 @@ pub struct Decisions {
     /// Lines, by row, and visits that say something else than others of their kind.
     #[serde(default)]
     pub strays: BTreeSet<Part>,
+    /// The same as `factors` of spots of pavement.
+    #[serde(default = "one")]
+    pub of_spots: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl Default for Decisions {
+    fn default() -> Self {
+        Self { factors: Factors::default(), verdicts: Vec::new(), strays: BTreeSet::new(), of_spots: one() }
+    }
 }
 
 impl Decisions {
@@ -169,6 +186,7 @@ pub struct Adjusted {
     inputs: Inputs,
     lines: Vec<DriveLine>,
     chosen: Chosen,
+    points: (Vec<PointTie>, Vec<PointTie>),
 }
 
 impl<'a> Prepared<'a> {
@@ -201,7 +219,8 @@ impl<'a> Prepared<'a> {
         let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.005)).collect();
         let mut options = options(project)?;
         options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
-        options.ties.most_live = MOST_LIVE;
+        let for_spots = if matched.spots.is_empty() { 0 } else { spots::MOST_LIVE };
+        options.ties.most_live = MOST_LIVE + for_spots;
         Ok(Self {
             project,
             matched,
@@ -246,15 +265,22 @@ impl<'a> Prepared<'a> {
                 let chosen = choose(&lines, &decisions.strays, MOST_LIVE, self.delivered, self.clock_shift_s);
                 (lines, chosen)
             });
-            let inputs = Inputs { ties: chosen.ties.clone(), ..self.measurements.inputs.clone() };
+            let all = point_ties(self.matched, self.crs, &constants, self.clock_shift_s, decisions.of_spots)?;
+            let first = chosen.ties.len();
+            let points = spots::thinned(&all, first as u64);
+            let ties = chosen.ties.iter().chain(points.iter().map(|p| &p.tie)).cloned().collect();
+            let inputs = Inputs { ties, ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
-            let found = decisions.factors.after(&solution.tie_fits, &lines, &chosen);
+            let of_lines: Vec<_> = solution.tie_fits.iter().filter(|f| f.tie < first).copied().collect();
+            let found = decisions.factors.after(&of_lines, &lines, &chosen);
+            let of_spots = spots::factor_after(&solution.tie_fits, first, decisions.of_spots);
             // strays are looked for once the first adjustment is there
             if *rounds >= MOST_ROUNDS || (*rounds > 0 && found.is_near(&decisions.factors)) {
-                return Ok(Adjusted { constants, solution, inputs, lines, chosen });
+                return Ok(Adjusted { constants, solution, inputs, lines, chosen, points: (all, points) });
             }
             *rounds += 1;
             decisions.factors = found;
+            decisions.of_spots = of_spots;
             let geodetic = solution.trajectory(&inputs, 0.0)?;
             let trajectory = self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s);
             decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
@@ -280,7 +306,7 @@ pub fn solve(
     let mut decisions = decided.cloned().unwrap_or_default();
     let mut rounds = if decided.is_some() { MOST_ROUNDS } else { 0 };
     // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
-    let Adjusted { constants, solution, inputs, lines, chosen } = loop {
+    let Adjusted { constants, solution, inputs, lines, chosen, points } = loop {
         let adjusted = drive.adjust(&drive.ranges_m, &mut decisions, &mut rounds, clock)?;
         if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
             break adjusted;
@@ -288,6 +314,14 @@ pub fn solve(
     };
     let mut notes = notes_of(&chosen, &solution, &decisions.verdicts);
     notes.extend(decisions.factors.note());
+    if !points.1.is_empty() {
+        notes.push(format!(
+            "{} of {} spots of pavement went to the smoother; their sigmas, as they turned out over as measured: {:.2}",
+            points.1.len(),
+            points.0.len(),
+            decisions.of_spots.sqrt()
+        ));
+    }
     let astray = decisions.strays.len();
     notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
     notes.extend(drive.notes);
@@ -300,6 +334,7 @@ pub fn solve(
         constants,
         lines,
         chosen,
+        points,
         trajectory,
         clock_shift_s: drive.clock_shift_s,
         ranges_m: drive.inner_ranges_m,

@@ -131,8 +131,14 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
 }
 
 /// Runs the proofs on XYZ points.
-pub(crate) fn xyz(only: Option<&str>) -> anyhow::Result<()> {
-    let proofs: [(&str, Proof); 1] = [("4 registration of scan pairs", xyz::registration)];
+pub(crate) fn xyz(only: Option<&str>, seeds: Option<u64>) -> anyhow::Result<()> {
+    mobile::set_seeds(seeds);
+    let proofs: [(&str, Proof); 4] = [
+        ("1 texture against the truth", xyz::accuracy),
+        ("4 registration of scan pairs", xyz::registration),
+        ("5 time", xyz::time),
+        ("6 what only looks like a spot", xyz::false_ties),
+    ];
     run(&proofs, only)
 }
 

@@ -34,12 +34,12 @@ pub(crate) fn set_seeds(seeds: Option<u64>) {
     let _ = SEEDS.set(seeds.unwrap_or(10));
 }
 
-fn seeds() -> u64 {
+pub(crate) fn seeds() -> u64 {
     *SEEDS.get_or_init(|| 10)
 }
 
 /// Runs the program and shows what it says when it fails.
-fn tieline(arguments: &[&str]) -> Result<()> {
+pub(crate) fn tieline(arguments: &[&str]) -> Result<()> {
     let output = Command::new(program()?).args(arguments).output()?;
     ensure!(output.status.success(), "tieline {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     Ok(())
@@ -64,12 +64,12 @@ fn number(value: &Value, path: &[&str]) -> f64 {
     path.iter().fold(value, |v, key| &v[*key]).as_f64().unwrap_or(f64::NAN)
 }
 
-fn text(path: &Path) -> Result<&str> {
+pub(crate) fn text(path: &Path) -> Result<&str> {
     path.to_str().context("a path in UTF-8")
 }
 
 /// A scenario with a seed, changed, simulated into a folder; gives the project file.
-fn simulate(scenario: &str, seed: u64, folder: &Path, change: impl Fn(String) -> String) -> Result<PathBuf> {
+pub(crate) fn simulate(scenario: &str, seed: u64, folder: &Path, change: impl Fn(String) -> String) -> Result<PathBuf> {
     let source = std::fs::read_to_string(root().join(format!("samples/scenarios/{scenario}.toml")))?;
     let mut found = false;
     let lines = source.lines().map(|line| {

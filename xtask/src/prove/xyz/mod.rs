@@ -2,5 +2,7 @@
 
 mod clouds;
 mod pair;
+mod texture;
 
 pub(crate) use pair::registration;
+pub(crate) use texture::{accuracy, false_ties, time};

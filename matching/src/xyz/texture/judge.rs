@@ -1,0 +1,138 @@
+//! Ties judged by their neighbours: what two sightings differ by changes slowly along the way.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::spot::{SpotRejection, SpotTie};
+
+/// What neighbours are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JudgeOptions {
+    /// Both ends lie no further apart in time \[s\].
+    pub near_s: f64,
+    /// What the mismatch may change by in that time \[m\].
+    pub drift_m: f64,
+    /// Fewer neighbours judge nothing.
+    pub fewest: usize,
+}
+
+impl Default for JudgeOptions {
+    fn default() -> Self {
+        Self { near_s: 4.0, drift_m: 0.02, fewest: 3 }
+    }
+}
+
+/// So many neighbours, the nearest in time, are asked.
+const MOST: usize = 12;
+/// Sigmas of a difference that is chance.
+const SIGMAS: f64 = 4.0;
+/// Ties that a variance factor is estimated from at least.
+const ENOUGH: usize = 30;
+
+/// Ties of the same two sources, in order of time.
+type Group = Vec<usize>;
+
+/// Gives ties that their neighbours do not bear out a reason, and all of them the sigmas that they turn out to have against their neighbours: factors of
+/// the variances in plan and in height, which are returned.
+pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) -> [f64; 2] {
+    let mut groups: BTreeMap<_, Group> = BTreeMap::new();
+    for (k, tie) in ties.iter().enumerate().filter(|(_, t)| t.rejection.is_none()) {
+        groups.entry(tie.ends.each_ref().map(|e| e.source)).or_default().push(k);
+    }
+    for group in groups.values_mut() {
+        group.sort_by(|a, b| ties[*a].ends[0].time_s.total_cmp(&ties[*b].ends[0].time_s).then(a.cmp(b)));
+        // once with all, and once with those that are left
+        for _ in 0..2 {
+            let verdicts: Vec<_> = (0..group.len()).map(|k| verdict(ties, group, k, options)).collect();
+            for (k, rejection) in group.iter().zip(&verdicts) {
+                ties[*k].rejection = *rejection;
+            }
+            group.retain(|k| ties[*k].rejection.is_none());
+        }
+    }
+    let factors = factors(ties, groups.values(), options);
+    let scale = Vector3::new(factors[0].sqrt(), factors[0].sqrt(), factors[1].sqrt());
+    let scale = Matrix3::from_diagonal(&scale);
+    for tie in ties.iter_mut() {
+        tie.covariance_m2 = scale * tie.covariance_m2 * scale;
+    }
+    factors
+}
+
+/// The nearest others of a group in both times.
+fn neighbours(ties: &[SpotTie], group: &[usize], k: usize, options: &JudgeOptions) -> Vec<usize> {
+    let time_s = |row: usize| ties[row].ends.each_ref().map(|e| e.time_s);
+    let here = time_s(group[k]);
+    let apart_s = |row: usize| {
+        let there = time_s(row);
+        (there[0] - here[0]).abs().max((there[1] - here[1]).abs())
+    };
+    let from = group.partition_point(|row| time_s(*row)[0] < here[0] - options.near_s);
+    let near = group[from..].iter().take_while(|row| time_s(**row)[0] <= here[0] + options.near_s).copied();
+    let mut near: Vec<usize> = near
+        .filter(|r| *r != group[k] && ties[*r].spot != ties[group[k]].spot && apart_s(*r) <= options.near_s)
+        .collect();
+    near.sort_by(|a, b| apart_s(*a).total_cmp(&apart_s(*b)).then(a.cmp(b)));
+    near.truncate(MOST);
+    near
+}
+
+fn verdict(ties: &[SpotTie], group: &[usize], k: usize, options: &JudgeOptions) -> Option<SpotRejection> {
+    let near = neighbours(ties, group, k, options);
+    if near.len() < options.fewest {
+        return Some(SpotRejection::Alone);
+    }
+    let tie = &ties[group[k]];
+    let differs = (0..3).any(|axis| {
+        let mut others: Vec<f64> = near.iter().map(|r| ties[*r].shift_m()[axis]).collect();
+        others.sort_by(f64::total_cmp);
+        let middle = others.len() / 2;
+        let median = if others.len() % 2 == 1 { others[middle] } else { 0.5 * (others[middle - 1] + others[middle]) };
+        let sigma_m = tie.covariance_m2[(axis, axis)].sqrt();
+        (tie.shift_m()[axis] - median).abs() > SIGMAS * sigma_m + options.drift_m
+    });
+    differs.then_some(SpotRejection::Neighbours)
+}
+
+/// Factors of the variances in plan and height: squares of differences from neighbours' weighted means, over what is due.
+fn factors<'a>(ties: &[SpotTie], groups: impl Iterator<Item = &'a Group>, options: &JudgeOptions) -> [f64; 2] {
+    /// Degrees of freedom of a difference in plan and in height.
+    const DUE: [f64; 2] = [2.0, 1.0];
+    /// No single difference counts as more than one of five sigmas.
+    const MOST: f64 = 25.0;
+    const BELIEVED: std::ops::RangeInclusive<f64> = 0.04..=25.0;
+    let mut squares: [Vec<f64>; 2] = Default::default();
+    for group in groups {
+        for k in 0..group.len() {
+            let near = neighbours(ties, group, k, options);
+            if near.len() < options.fewest {
+                continue;
+            }
+            let tie = &ties[group[k]];
+            let weight = |r: &usize| 1.0 / ties[*r].covariance_m2.fixed_view::<2, 2>(0, 0).trace().max(1e-12);
+            let all: f64 = near.iter().map(weight).sum();
+            let (mut mean, mut covariance) = (Vector3::zeros(), tie.covariance_m2);
+            for r in &near {
+                let share = weight(r) / all;
+                mean += ties[*r].shift_m() * share;
+                covariance += ties[*r].covariance_m2 * share.powi(2);
+            }
+            let off = tie.shift_m() - mean;
+            let plan = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            if let Some(inverse) = plan.try_inverse() {
+                squares[0].push(off.xy().dot(&(inverse * off.xy())));
+                squares[1].push(off.z.powi(2) / covariance[(2, 2)].max(1e-12));
+            }
+        }
+    }
+    std::array::from_fn(|k| {
+        let values = &mut squares[k];
+        if values.len() < ENOUGH {
+            return 1.0;
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let mean = values.iter().map(|v| v.min(MOST)).sum::<f64>() / values.len() as f64;
+        (mean / DUE[k]).clamp(*BELIEVED.start(), *BELIEVED.end())
+    })
+}

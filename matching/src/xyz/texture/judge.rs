@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 
 use super::spot::{SpotRejection, SpotTie};
+use crate::block::SourceKey;
 
 /// What neighbours are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +20,7 @@ pub struct JudgeOptions {
 
 impl Default for JudgeOptions {
     fn default() -> Self {
-        Self { near_s: 4.0, drift_m: 0.02, fewest: 3 }
+        Self { near_s: 8.0, drift_m: 0.02, fewest: 3 }
     }
 }
 
@@ -30,25 +31,42 @@ const SIGMAS: f64 = 4.0;
 /// Ties that a variance factor is estimated from at least.
 const ENOUGH: usize = 30;
 
-/// Ties of the same two sources, in order of time.
-type Group = Vec<usize>;
+/// Ties of the same two strips, or of the same two scanners in one strip, in order of time; each with +1, or -1 where its ends stand the other way
+/// round.
+type Group = Vec<(usize, f64)>;
+
+/// What a tie binds, and whether its ends stand in that order. Between strips the scanners do not matter: what their calibration may still be wrong by
+/// is less than the drift that is allowed.
+fn bound(tie: &SpotTie) -> ([SourceKey; 2], bool) {
+    let [a, b] = tie.ends.each_ref().map(|e| e.source);
+    let strips = [a.without_scanner(), b.without_scanner()];
+    let [a, b] = if strips[0] == strips[1] { [a, b] } else { strips };
+    if a <= b { ([a, b], true) } else { ([b, a], false) }
+}
+
+/// Times of a tie's ends in the order of its group \[s\].
+fn times_s(ties: &[SpotTie], (row, sign): (usize, f64)) -> [f64; 2] {
+    let [a, b] = ties[row].ends.each_ref().map(|e| e.time_s);
+    if sign > 0.0 { [a, b] } else { [b, a] }
+}
 
 /// Gives ties that their neighbours do not bear out a reason, and all of them the sigmas that they turn out to have against their neighbours: factors of
 /// the variances in plan and in height, which are returned.
 pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) -> [f64; 2] {
     let mut groups: BTreeMap<_, Group> = BTreeMap::new();
     for (k, tie) in ties.iter().enumerate().filter(|(_, t)| t.rejection.is_none()) {
-        groups.entry(tie.ends.each_ref().map(|e| e.source)).or_default().push(k);
+        let (what, forward) = bound(tie);
+        groups.entry(what).or_default().push((k, if forward { 1.0 } else { -1.0 }));
     }
     for group in groups.values_mut() {
-        group.sort_by(|a, b| ties[*a].ends[0].time_s.total_cmp(&ties[*b].ends[0].time_s).then(a.cmp(b)));
+        group.sort_by(|a, b| times_s(ties, *a)[0].total_cmp(&times_s(ties, *b)[0]).then(a.0.cmp(&b.0)));
         // once with all, and once with those that are left
         for _ in 0..2 {
             let verdicts: Vec<_> = (0..group.len()).map(|k| verdict(ties, group, k, options)).collect();
-            for (k, rejection) in group.iter().zip(&verdicts) {
+            for ((k, _), rejection) in group.iter().zip(&verdicts) {
                 ties[*k].rejection = *rejection;
             }
-            group.retain(|k| ties[*k].rejection.is_none());
+            group.retain(|(k, _)| ties[*k].rejection.is_none());
         }
     }
     let factors = factors(ties, groups.values(), options);
@@ -61,36 +79,36 @@ pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) -> [f64; 2] {
 }
 
 /// The nearest others of a group in both times.
-fn neighbours(ties: &[SpotTie], group: &[usize], k: usize, options: &JudgeOptions) -> Vec<usize> {
-    let time_s = |row: usize| ties[row].ends.each_ref().map(|e| e.time_s);
-    let here = time_s(group[k]);
-    let apart_s = |row: usize| {
-        let there = time_s(row);
+fn neighbours(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions) -> Group {
+    let here = times_s(ties, group[k]);
+    let apart_s = |other: &(usize, f64)| {
+        let there = times_s(ties, *other);
         (there[0] - here[0]).abs().max((there[1] - here[1]).abs())
     };
-    let from = group.partition_point(|row| time_s(*row)[0] < here[0] - options.near_s);
-    let near = group[from..].iter().take_while(|row| time_s(**row)[0] <= here[0] + options.near_s).copied();
-    let mut near: Vec<usize> = near
-        .filter(|r| *r != group[k] && ties[*r].spot != ties[group[k]].spot && apart_s(*r) <= options.near_s)
-        .collect();
-    near.sort_by(|a, b| apart_s(*a).total_cmp(&apart_s(*b)).then(a.cmp(b)));
+    let from = group.partition_point(|other| times_s(ties, *other)[0] < here[0] - options.near_s);
+    let near = group[from..].iter().take_while(|other| times_s(ties, **other)[0] <= here[0] + options.near_s);
+    let spot = ties[group[k].0].spot;
+    let mut near: Group =
+        near.filter(|other| ties[other.0].spot != spot && apart_s(other) <= options.near_s).copied().collect();
+    near.sort_by(|a, b| apart_s(a).total_cmp(&apart_s(b)).then(a.0.cmp(&b.0)));
     near.truncate(MOST);
     near
 }
 
-fn verdict(ties: &[SpotTie], group: &[usize], k: usize, options: &JudgeOptions) -> Option<SpotRejection> {
+fn verdict(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions) -> Option<SpotRejection> {
     let near = neighbours(ties, group, k, options);
     if near.len() < options.fewest {
         return Some(SpotRejection::Alone);
     }
-    let tie = &ties[group[k]];
+    let (row, sign) = group[k];
+    let tie = &ties[row];
     let differs = (0..3).any(|axis| {
-        let mut others: Vec<f64> = near.iter().map(|r| ties[*r].shift_m()[axis]).collect();
+        let mut others: Vec<f64> = near.iter().map(|(r, sign)| sign * ties[*r].shift_m()[axis]).collect();
         others.sort_by(f64::total_cmp);
         let middle = others.len() / 2;
         let median = if others.len() % 2 == 1 { others[middle] } else { 0.5 * (others[middle - 1] + others[middle]) };
         let sigma_m = tie.covariance_m2[(axis, axis)].sqrt();
-        (tie.shift_m()[axis] - median).abs() > SIGMAS * sigma_m + options.drift_m
+        (sign * tie.shift_m()[axis] - median).abs() > SIGMAS * sigma_m + options.drift_m
     });
     differs.then_some(SpotRejection::Neighbours)
 }
@@ -109,16 +127,17 @@ fn factors<'a>(ties: &[SpotTie], groups: impl Iterator<Item = &'a Group>, option
             if near.len() < options.fewest {
                 continue;
             }
-            let tie = &ties[group[k]];
-            let weight = |r: &usize| 1.0 / ties[*r].covariance_m2.fixed_view::<2, 2>(0, 0).trace().max(1e-12);
+            let tie = &ties[group[k].0];
+            let weight =
+                |(r, _): &(usize, f64)| 1.0 / ties[*r].covariance_m2.fixed_view::<2, 2>(0, 0).trace().max(1e-12);
             let all: f64 = near.iter().map(weight).sum();
             let (mut mean, mut covariance) = (Vector3::zeros(), tie.covariance_m2);
             for r in &near {
                 let share = weight(r) / all;
-                mean += ties[*r].shift_m() * share;
-                covariance += ties[*r].covariance_m2 * share.powi(2);
+                mean += ties[r.0].shift_m() * (share * r.1);
+                covariance += ties[r.0].covariance_m2 * share.powi(2);
             }
-            let off = tie.shift_m() - mean;
+            let off = tie.shift_m() * group[k].1 - mean;
             let plan = covariance.fixed_view::<2, 2>(0, 0).into_owned();
             if let Some(inverse) = plan.try_inverse() {
                 squares[0].push(off.xy().dot(&(inverse * off.xy())));

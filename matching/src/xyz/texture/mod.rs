@@ -34,6 +34,8 @@ pub struct TextureOptions {
     pub least_correlation: f64,
     /// A second peak, or the window's likeness to its own surroundings, above this share of the peak is an ambiguity.
     pub most_alike: f64,
+    /// A peak nearer to another than this is of the same hill, whose width the covariance has \[m\].
+    pub rival_m: f64,
     /// Reach of the look for repetition about a spot \[m\].
     pub repetition_m: f64,
     /// Largest standard deviation of a tie in any direction of the plane \[m\].
@@ -51,6 +53,7 @@ impl Default for TextureOptions {
             smoothing_m: [0.03, 0.06],
             least_correlation: 0.7,
             most_alike: 0.8,
+            rival_m: 0.25,
             repetition_m: 1.3,
             most_sigma_m: 0.03,
             height_floor_m: 0.0003,

@@ -246,7 +246,15 @@ fn is_repeated(raster: &Raster, place_m: [f64; 2], options: &TextureOptions) -> 
     let Some(cell) = raster.cell_at(place_m) else { return false };
     let reach = (options.repetition_m / raster.cell_m).round() as usize;
     let peaks = correlate(raster, cell, raster, half_cells(raster, options), (reach, 2)).peaks();
-    peaks.iter().any(|(value, shift)| *shift != [0, 0] && f64::from(*value) > options.most_alike)
+    peaks.iter().any(|(value, shift)| {
+        f64::from(*value) > options.most_alike && apart_m(*shift, [0, 0], raster) >= options.rival_m
+    })
+}
+
+/// Distance of two shifts \[m\].
+#[allow(clippy::cast_precision_loss)]
+fn apart_m(a: [i64; 2], b: [i64; 2], raster: &Raster) -> f64 {
+    ((a[0] - b[0]) as f64).hypot((a[1] - b[1]) as f64) * raster.cell_m
 }
 
 /// A spot of one view in another.
@@ -352,7 +360,8 @@ impl Matching<'_> {
         if shift.iter().any(|s| s.unsigned_abs() as usize >= surface.reach) {
             return Err((SpotRejection::SearchRim, Some(shift)));
         }
-        let second = peaks.get(1).map_or(0.0, |p| f64::from(p.0).max(0.0));
+        let rival = peaks.iter().find(|p| apart_m(p.1, shift, &self.first.raster) >= self.options.rival_m);
+        let second = rival.map_or(0.0, |p| f64::from(p.0).max(0.0));
         if second > self.options.most_alike * f64::from(highest) {
             return Err((SpotRejection::Ambiguous, Some(shift)));
         }

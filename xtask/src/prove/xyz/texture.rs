@@ -232,8 +232,8 @@ pub(crate) fn time() -> Result<Vec<Row>> {
     for _ in 0..2 {
         for (project, least_s) in [&plain, &auto].into_iter().zip(&mut least) {
             let before_s = cpu::of_children_s();
-            let arguments = ["match", "--quiet", "--overwrite", "--out", text(&folder.path().join("out"))?, text(project)?]
-                .map(String::from);
+            let arguments =
+                ["match", "--quiet", "--out", text(&folder.path().join("out"))?, text(project)?].map(String::from);
             let ran = Command::new(program()?).args(&arguments).output()?;
             ensure!(ran.status.success(), "tieline match: {}", String::from_utf8_lossy(&ran.stderr));
             *least_s = least_s.min(cpu::of_children_s() - before_s);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::spot::{SpotRejection, SpotTie};
+use super::tie::{SpotRejection, SpotTie};
 use crate::block::SourceKey;
 
 /// What neighbours are.

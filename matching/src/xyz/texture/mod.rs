@@ -12,12 +12,14 @@ mod keep;
 mod raster;
 mod refine;
 mod spot;
+mod tie;
 mod view;
 
 pub use brightness::Brightness;
 pub use judge::{JudgeOptions, judge};
 pub use keep::{PointKeeper, TILE_M, TexturePoint, TexturePoints};
-pub use spot::{Picture, SpotEnd, SpotRejection, SpotTie, find_spots};
+pub use spot::find_spots;
+pub use tie::{Picture, SpotEnd, SpotRejection, SpotTie};
 
 /// How spots are found and matched.
 #[derive(Debug, Clone, Copy, PartialEq)]

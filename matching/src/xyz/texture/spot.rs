@@ -1,5 +1,7 @@
 //! Spots: where the brightness of a tile varies in two directions, and where other sightings see the same.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
 use rayon::prelude::*;
 
@@ -9,115 +11,12 @@ use super::ground::foot;
 use super::keep::{TILE_M, TexturePoints, Tile};
 use super::raster::Raster;
 use super::refine::{Refined, refine};
+use super::tie::{Picture, SpotEnd, SpotRejection, SpotTie};
 use super::view::{View, views};
 use crate::block::SourceKey;
 
-/// Why a spot is not tied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[non_exhaustive]
-pub enum SpotRejection {
-    /// One of the sightings does not see all sides of it.
-    Support,
-    /// It looks like its own surroundings.
-    Repeated,
-    /// Nothing like it within the search.
-    NoneFound,
-    /// Likest at the rim of the search.
-    SearchRim,
-    /// A second place looks nearly as much like it.
-    Ambiguous,
-    /// The peak has no minimum below a cell, or another contrast.
-    NotConverged,
-    /// Its place is not known well enough in some direction.
-    Imprecise,
-    /// Looked for from the other sighting it is found elsewhere.
-    NotReciprocal,
-    /// No plane, or one that the scan passed twice.
-    NoPlane,
-    /// Fewer than three others about it: nobody can judge it.
-    Alone,
-    /// It disagrees with the others about it.
-    Neighbours,
-}
-
-impl SpotRejection {
-    /// The word used in files.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Support => "support",
-            Self::Repeated => "repeated",
-            Self::NoneFound => "none_found",
-            Self::SearchRim => "search_rim",
-            Self::Ambiguous => "ambiguous",
-            Self::NotConverged => "not_converged",
-            Self::Imprecise => "imprecise",
-            Self::NotReciprocal => "not_reciprocal",
-            Self::NoPlane => "no_plane",
-            Self::Alone => "alone",
-            Self::Neighbours => "neighbours",
-        }
-    }
-}
-
-/// One end of a tie.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct SpotEnd {
-    /// Whose.
-    pub source: SourceKey,
-    /// When the scan passed the place \[s\].
-    pub time_s: f64,
-    /// The place, local frame \[m\].
-    pub place_m: Vector3<f64>,
-    /// Points behind its height and time.
-    pub points: u32,
-}
-
-/// What a person looks at: both windows and the surface of the correlation, row by row from the south-west.
-#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Picture {
-    /// Cells along the edge of a window; 0 is a gap, 1 to 255 dark to bright.
-    pub side: usize,
-    /// Edge of a cell \[m\].
-    pub cell_m: f64,
-    /// Both windows, about the place where each sighting has the spot.
-    pub windows: [Vec<u8>; 2],
-    /// Cells along the edge of the surface.
-    pub surface_side: usize,
-    /// Correlation from 0 to 1 as 1 to 255; 0 where too little is seen.
-    pub surface: Vec<u8>,
-    /// The peak in the surface \[cells\].
-    pub peak: [f64; 2],
-}
-
-/// A spot that was looked for in a second sighting.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct SpotTie {
-    /// Number of the spot: ties of one spot share the first sighting.
-    pub spot: u32,
-    /// As the first sighting has it, and as the second has.
-    pub ends: [SpotEnd; 2],
-    /// Covariance of the second place less the first \[m²\].
-    pub covariance_m2: Matrix3<f64>,
-    /// Correlation at the peak.
-    pub correlation: f64,
-    /// That of the second peak.
-    pub second: f64,
-    /// Why it is no tie.
-    pub rejection: Option<SpotRejection>,
-    /// For the contact sheet.
-    pub picture: Option<Picture>,
-}
-
-impl SpotTie {
-    /// Second place less first \[m\].
-    #[must_use]
-    pub fn shift_m(&self) -> Vector3<f64> {
-        self.ends[1].place_m - self.ends[0].place_m
-    }
-}
-
+/// Sightings of one source that lie nearer in time are of one visit \[s\].
+const SAME_VISIT_S: f64 = 8.0;
 /// Tiles worked on at a time.
 const BATCH: usize = 32;
 
@@ -150,7 +49,37 @@ pub fn find_spots(
             found.extend(ties.into_iter().map(|t| SpotTie { spot: t.spot + first, ..t }));
         }
     }
+    leave_out_near(&mut found, options.spacing_m);
     Ok(found)
+}
+
+/// Of matches of the same two sightings whose windows overlap over the border of two tiles, the first found stays: they share edges, and errors.
+#[allow(clippy::cast_possible_truncation)] // squares of a survey
+fn leave_out_near(ties: &mut [SpotTie], spacing_m: f64) {
+    let square = |place_m: &Vector3<f64>| [0, 1].map(|k| (place_m[k] / spacing_m).floor() as i64);
+    let mut kept: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for k in 0..ties.len() {
+        if ties[k].rejection.is_some() {
+            continue;
+        }
+        let (tie, [x, y]) = (&ties[k], square(&ties[k].ends[0].place_m));
+        let shares = |other: &SpotTie| {
+            let sightings = |t: &SpotTie| {
+                let [a, b] = t.ends.each_ref().map(|e| (e.source, e.time_s));
+                if a.0 < b.0 || (a.0 == b.0 && a.1 <= b.1) { [a, b] } else { [b, a] }
+            };
+            let pairs = sightings(other).into_iter().zip(sightings(tie));
+            other.spot != tie.spot
+                && pairs.into_iter().all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < SAME_VISIT_S)
+                && (other.ends[0].place_m - tie.ends[0].place_m).xy().norm() < spacing_m
+        };
+        let about = (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| [x, y]));
+        if about.filter_map(|at| kept.get(&at)).flatten().any(|other| shares(&ties[*other])) {
+            ties[k].rejection = Some(SpotRejection::Near);
+        } else {
+            kept.entry([x, y]).or_default().push(k);
+        }
+    }
 }
 
 fn of_tile(

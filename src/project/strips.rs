@@ -359,3 +359,40 @@ pub struct CorrectSection {
     /// Scale of the output \[m\]; by the input's when left out.
     pub scale_m: Option<f64>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn section(line: &str) -> Result<MatchSection, String> {
+        toml::from_str(line).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn kinds_of_points_are_read_and_written_again() {
+        for (line, due) in [
+            ("", XyzChoice::Off),
+            ("xyz = \"off\"", XyzChoice::Off),
+            ("xyz = []", XyzChoice::Off),
+            ("xyz = \"auto\"", XyzChoice::Auto),
+            ("xyz = [\"texture\"]", XyzChoice::Texture),
+        ] {
+            let read = section(line).expect("known words");
+            assert_eq!((read.xyz, read.xyz.texture()), (due, due != XyzChoice::Off));
+            let written = toml::to_string(&read).expect("written");
+            assert_eq!(section(&written), Ok(read));
+        }
+    }
+
+    #[test]
+    fn unknown_kinds_are_refused_with_those_that_are_due() {
+        for (line, word) in [
+            ("xyz = \"texture\"", "\"texture\" is not known"),
+            ("xyz = [\"textur\"]", "\"textur\" is not known"),
+            ("xyz = [\"texture\", \"pole\"]", "\"pole\" is not there for jobs yet"),
+        ] {
+            let error = section(line).expect_err("refused");
+            assert!(error.contains(word) && error.contains("\"auto\", \"off\" or [\"texture\"] is due"), "{error}");
+        }
+    }
+}

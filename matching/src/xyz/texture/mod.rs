@@ -57,7 +57,7 @@ impl Default for TextureOptions {
             most_alike: 0.8,
             rival_m: 0.25,
             repetition_m: 1.3,
-            most_sigma_m: 0.03,
+            most_sigma_m: 0.012,
             height_floor_m: 0.0003,
         }
     }

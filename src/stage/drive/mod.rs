@@ -48,7 +48,9 @@ const NO_TRAJECTORY: &str = "a drive needs the trajectory that its strips were m
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-pub const MOST_LIVE: usize = 128;
+pub const MOST_LIVE: usize = 160;
+/// And while the variances of ties are being found, for which fewer do.
+const MOST_LIVE_IN_ROUNDS: usize = 96;
 
 /// What became of a drive.
 #[derive(Debug)]
@@ -258,11 +260,11 @@ impl<'a> Prepared<'a> {
         let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
         // as measured: of the rounds only the variances differ
         let measured = clock.time("choose", || lines(self.matched, self.crs, &constants, self.clock_shift_s))?;
-        loop {
+        let once = |decisions: &Decisions, most_live: usize, clock: &mut Clock| {
             let (lines, chosen) = clock.time("choose", || {
                 let mut lines = measured.clone();
                 decisions.factors.apply(&mut lines);
-                let chosen = choose(&lines, &decisions.strays, MOST_LIVE, self.delivered, self.clock_shift_s);
+                let chosen = choose(&lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s);
                 (lines, chosen)
             });
             let all = point_ties(self.matched, self.crs, &constants, self.clock_shift_s, decisions.of_spots)?;
@@ -271,20 +273,25 @@ impl<'a> Prepared<'a> {
             let ties = chosen.ties.iter().chain(points.iter().map(|p| &p.tie)).cloned().collect();
             let inputs = Inputs { ties, ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
+            anyhow::Ok((lines, chosen, (all, points), inputs, solution))
+        };
+        while *rounds < MOST_ROUNDS {
+            let (lines, chosen, _, inputs, solution) = once(decisions, MOST_LIVE_IN_ROUNDS, clock)?;
+            let first = chosen.ties.len();
             let of_lines: Vec<_> = solution.tie_fits.iter().filter(|f| f.tie < first).copied().collect();
             let found = decisions.factors.after(&of_lines, &lines, &chosen);
             let of_spots = spots::factor_after(&solution.tie_fits, first, decisions.of_spots);
             // strays are looked for once the first adjustment is there
-            if *rounds >= MOST_ROUNDS || (*rounds > 0 && found.is_near(&decisions.factors)) {
-                return Ok(Adjusted { constants, solution, inputs, lines, chosen, points: (all, points) });
-            }
-            *rounds += 1;
+            let settled = *rounds > 0 && found.is_near(&decisions.factors);
+            *rounds = if settled { MOST_ROUNDS } else { *rounds + 1 };
             decisions.factors = found;
             decisions.of_spots = of_spots;
             let geodetic = solution.trajectory(&inputs, 0.0)?;
             let trajectory = self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s);
             decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
         }
+        let (lines, chosen, points, inputs, solution) = once(decisions, MOST_LIVE, clock)?;
+        Ok(Adjusted { constants, solution, inputs, lines, chosen, points })
     }
 }
 
@@ -346,11 +353,13 @@ pub fn solve(
 /// What there is to say of the choice of ties and of the terms.
 fn notes_of(chosen: &Chosen, solution: &Solution, verdicts: &[Verdict]) -> Vec<String> {
     let mut notes = vec![format!(
-        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s, of like increments one every {:.2} s",
+        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s ({:.2} s on walls seen from another side), of like \
+         increments one every {:.2} s",
         chosen.ties.len(),
         chosen.of.iter().map(Vec::len).sum::<usize>(),
-        chosen.spacing_s.0,
-        chosen.spacing_s.1
+        chosen.spacing_s.loop_s,
+        chosen.spacing_s.turned_s,
+        chosen.spacing_s.increment_s
     )];
     let left_out = solution.ties.iter().filter(|t| t.why_not == Some("innovation")).count();
     if left_out > 0 {

@@ -37,9 +37,9 @@ pub struct Spacing {
 }
 
 /// Shares of the states that the smoother holds: for loop ties on turned walls, for all loop ties, and for increments.
-const TURNED_SHARE: f64 = 0.3;
-const LOOP_SHARE: f64 = 0.55;
-const INCREMENT_SHARE: f64 = 0.4;
+const TURNED_SHARE: f64 = 0.25;
+const LOOP_SHARE: f64 = 0.58;
+const INCREMENT_SHARE: f64 = 0.38;
 /// Lines whose ends are further apart in time than this are not made one tie \[s\].
 const MERGED_S: f64 = 0.5;
 

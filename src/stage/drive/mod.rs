@@ -46,7 +46,7 @@ const NO_TRAJECTORY: &str = "a drive needs the trajectory that its strips were m
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-pub const MOST_LIVE: usize = 160;
+pub const MOST_LIVE: usize = 192;
 /// And while the variances of ties are being found, for which fewer do.
 const MOST_LIVE_IN_ROUNDS: usize = 96;
 

@@ -34,7 +34,7 @@ fn scanners(line: &DriveLine, visit: usize) -> Option<(usize, usize)> {
 
 fn pair(class: Class, line: &DriveLine, residual: &Residual, (from, to): (usize, usize)) -> PairPoint {
     let body_m = &line.ends[0].sighting.body_vector_m;
-    let sign = if line.normal_body.dot(body_m) > 0.0 { -1.0 } else { 1.0 };
+    let sign = if line.ends[0].normal_body.dot(body_m) > 0.0 { -1.0 } else { 1.0 };
     PairPoint {
         class,
         east_north_m: [line.point_map_m.x, line.point_map_m.y],

@@ -12,10 +12,14 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use tieline_filter::{FilterTie, Pose, Sighting, TieKind, Trajectory};
 
-use super::ties::{DriveLine, End};
+use crate::project::SurfaceWord;
+
+use super::ties::{DriveLine, End, direction_body};
 
 /// Normals of one cluster differ by less than this (cosine of 3°).
 const LIKE_DIRECTION: f64 = 0.998_63;
+/// Heights of walls in one cluster differ by less than this \[m\].
+pub(super) const LIKE_HEIGHT_M: f64 = 2.5;
 /// A line whose ends differ from the others' median by more than so many of its standard deviations, and by more than
 /// [`ASTRAY_M`] on top, is a false one.
 const ASTRAY: f64 = 4.0;
@@ -30,7 +34,8 @@ pub fn ends(line: &DriveLine, visit: Option<usize>) -> impl Iterator<Item = &End
     line.ends.iter().filter(move |e| visit.is_none_or(|v| e.visit == v))
 }
 
-/// Whether two parts were seen by the same scanners in the same order, on surfaces of like direction.
+/// Whether two parts were seen by the same scanners in the same order, on surfaces of like direction, those that stand at like heights: a mean over foot and
+/// eaves would not say any more how a scanner leans.
 #[must_use]
 pub fn are_like(lines: &[DriveLine], a: Part, b: Part) -> bool {
     let (of_a, of_b) = (&lines[a.0], &lines[b.0]);
@@ -38,7 +43,10 @@ pub fn are_like(lines: &[DriveLine], a: Part, b: Part) -> bool {
         let first = ends(&lines[line], visit).next().map_or(0, |e| e.visit);
         ends(&lines[line], visit).map(move |e| (e.strip, e.scanner, e.visit - first))
     };
-    of_a.normal_map.dot(&of_b.normal_map) > LIKE_DIRECTION && who(a).eq(who(b))
+    let height_m = |(line, visit): Part| ends(&lines[line], visit).next().map_or(0.0, |e| e.delivered_m.z);
+    let is_level = SurfaceWord::of(of_a.normal_up) == SurfaceWord::Level;
+    let is_beside = is_level || (height_m(a) - height_m(b)).abs() < LIKE_HEIGHT_M;
+    of_a.normal_map.dot(&of_b.normal_map) > LIKE_DIRECTION && is_beside && who(a).eq(who(b))
 }
 
 /// The ends of a part by the trajectory that the strips were made with.
@@ -140,18 +148,17 @@ pub fn merged(
         let place_m = mean(&|s| s.ends[end].2);
         let place_m = place_m + normal * (apart_m - normal.dot(&(place_m - origin_m)));
         let pose = at(time_s)?;
-        let along = |pose: &Pose, n: &Vector3<f64>| pose.body_vector_m(&(pose.position + n)).normalize();
         let variance_m2: f64 =
             seen.iter().map(|s| share(s).powi(2) * s.ends[end].0.sighting.covariance_m2[(0, 0)]).sum();
         let mut by_constant: BTreeMap<usize, f64> = BTreeMap::new();
         for s in &seen {
             let (of_end, pose, _) = &s.ends[end];
-            let own = along(pose, &s.line.normal_map);
+            let own = direction_body(pose, &s.line.normal_map);
             for (constant, by) in &of_end.sighting.by_constant {
                 *by_constant.entry(*constant).or_default() += share(s) * own.dot(by);
             }
         }
-        let own = along(&pose, &normal);
+        let own = direction_body(&pose, &normal);
         sightings.push(Sighting {
             time_s,
             body_vector_m: pose.body_vector_m(&place_m),
@@ -201,6 +208,7 @@ mod tests {
                 visit: 0,
                 position_sigma_m: 0.01,
                 delivered_m: body_vector_m,
+                normal_body: normal,
                 sighting: Sighting {
                     time_s,
                     body_vector_m,
@@ -214,7 +222,6 @@ mod tests {
             direction: normal,
             normal_map: normal,
             point_map_m: Vector3::zeros(),
-            normal_body: normal,
             normal_up: normal.z,
             ends: ends.collect(),
             held_out: false,

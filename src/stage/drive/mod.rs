@@ -56,7 +56,9 @@ const SETTLED_SHARE: f64 = 0.02;
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-pub const MOST_LIVE: usize = 128;
+pub const MOST_LIVE: usize = 160;
+/// And while the variances of ties are being found, for which fewer do.
+const MOST_LIVE_IN_ROUNDS: usize = 96;
 
 /// What became of a drive.
 #[derive(Debug)]
@@ -274,26 +276,30 @@ impl<'a> Prepared<'a> {
         let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
         // as measured: of the rounds only the variances differ
         let measured = clock.time("choose", || self.sighted.lines(&constants));
-        loop {
+        let once = |decisions: &Decisions, most_live: usize, clock: &mut Clock| {
             let (lines, chosen) = clock.time("choose", || {
                 let mut lines = measured.clone();
                 decisions.factors.apply(&mut lines);
-                let chosen = choose(&lines, &decisions.strays, MOST_LIVE, self.delivered, self.clock_shift_s);
+                let chosen = choose(&lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s);
                 (lines, chosen)
             });
             let inputs = Inputs { ties: chosen.ties.clone(), ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
+            anyhow::Ok((lines, chosen, inputs, solution))
+        };
+        while *rounds < MOST_ROUNDS {
+            let (lines, chosen, inputs, solution) = once(decisions, MOST_LIVE_IN_ROUNDS, clock)?;
             let found = decisions.factors.after(&solution.tie_fits, &lines, &chosen);
             // strays are looked for once the first adjustment is there
-            if *rounds >= MOST_ROUNDS || (*rounds > 0 && found.is_near(&decisions.factors)) {
-                return Ok(Adjusted { constants, solution, inputs, lines, chosen });
-            }
-            *rounds += 1;
+            let settled = *rounds > 0 && found.is_near(&decisions.factors);
+            *rounds = if settled { MOST_ROUNDS } else { *rounds + 1 };
             decisions.factors = found;
             let geodetic = solution.trajectory(&inputs, 0.0)?;
             let trajectory = self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s);
             decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
         }
+        let (lines, chosen, inputs, solution) = once(decisions, MOST_LIVE, clock)?;
+        Ok(Adjusted { constants, solution, inputs, lines, chosen })
     }
 }
 

@@ -9,11 +9,13 @@ use super::need::Verdict;
 /// What there is to say of the choice of ties and of the terms.
 pub(super) fn notes_of(chosen: &Chosen, solution: &Solution, verdicts: &[Verdict]) -> Vec<String> {
     let mut notes = vec![format!(
-        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s, of like increments one every {:.2} s",
+        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s ({:.2} s on walls seen from another side), of like \
+         increments one every {:.2} s",
         chosen.ties.len(),
         chosen.of.iter().map(Vec::len).sum::<usize>(),
-        chosen.spacing_s.0,
-        chosen.spacing_s.1
+        chosen.spacing_s.loop_s,
+        chosen.spacing_s.turned_s,
+        chosen.spacing_s.increment_s
     )];
     let left_out = solution.ties.iter().filter(|t| t.why_not == Some("innovation")).count();
     if left_out > 0 {

@@ -39,6 +39,8 @@ pub struct End {
     pub position_sigma_m: f64,
     /// Body vector as the strips have it \[m\].
     pub delivered_m: Vector3<f64>,
+    /// Unit normal of the surface, body axes.
+    pub normal_body: Vector3<f64>,
     /// For the smoother, what is known of the scanner in its body vector.
     pub sighting: Sighting,
 }
@@ -54,8 +56,6 @@ pub struct DriveLine {
     pub normal_map: Vector3<f64>,
     /// A point of the surface, map \[m\].
     pub point_map_m: Vector3<f64>,
-    /// Unit normal, body axes at the first end.
-    pub normal_body: Vector3<f64>,
     /// Height of the normal: 1 for level ground.
     pub normal_up: f64,
     /// Ends, in order of time.
@@ -167,10 +167,14 @@ pub fn sighted(
         let mut seen: Vec<_> = seen.collect();
         seen.sort_by(|a, b| a.3.time_s.total_cmp(&b.3.time_s));
         let Some(pose) = seen.first().map(|s| s.3).filter(|_| seen.len() >= 2) else { continue };
+        // a wall's normal leads towards the vehicle: by its own height its sign would be chance, and like lines not be alike
+        let away = SurfaceWord::of(measured.normal.z) == SurfaceWord::Steep
+            && measured.normal.dot(&(measured.point_m + origin_m - pose.position)) > 0.0;
+        let normal_map = if away { -measured.normal } else { measured.normal };
         let mut ends: Vec<End> = Vec::new();
         let mut of_line = Vec::new();
-        for (number, patch, sigma_m, pose, delivered) in seen {
-            let time_s = pose.time_s;
+        for (number, patch, sigma_m, seen_from, delivered) in seen {
+            let time_s = seen_from.time_s;
             let visit = ends
                 .last()
                 .map_or(0, |e| e.visit + usize::from(time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
@@ -181,6 +185,7 @@ pub fn sighted(
                 range_m: constants.range_m(delivered.scanner, &delivered.body_vector_m),
                 visit,
                 delivered_m: delivered.body_vector_m,
+                normal_body: direction_body(&seen_from, &normal_map),
                 position_sigma_m: trajectory.sigma_at(time_s).map_or(0.0, |s| s.position_ned_m.norm()),
                 sighting: Sighting {
                     time_s: time_s + clock_shift_s,
@@ -192,16 +197,11 @@ pub fn sighted(
             of_line.push(delivered);
         }
         let geodetic = crs.geodetic_from_map(&pose.position)?;
-        // a wall's normal leads towards the vehicle: by its own height its sign would be chance, and like lines not be alike
-        let away = SurfaceWord::of(measured.normal.z) == SurfaceWord::Steep
-            && measured.normal.dot(&(measured.point_m + origin_m - pose.position)) > 0.0;
-        let normal_map = if away { -measured.normal } else { measured.normal };
         let normal_ned = pose.ned_vector_m(&(pose.position + normal_map)).normalize();
         beams.push(of_line);
         lines.push(DriveLine {
             row: *row,
             direction: ned_from_ecef(geodetic.x, geodetic.y).transpose() * normal_ned,
-            normal_body: pose.ned_from_body.inverse_transform_vector(&normal_ned),
             normal_map,
             point_map_m: measured.point_m + origin_m,
             normal_up: normal_map.z,
@@ -210,6 +210,11 @@ pub fn sighted(
         });
     }
     Ok(Sighted { lines, beams })
+}
+
+/// A unit vector of the map in body axes.
+pub(super) fn direction_body(pose: &Pose, direction_map: &Vector3<f64>) -> Vector3<f64> {
+    pose.body_vector_m(&(pose.position + direction_map)).normalize()
 }
 
 /// How an end was seen: pose and beam at the moment when its feature was measured, which is where its plane meets the common normal.

@@ -16,14 +16,14 @@ use tieline_matching::{SourceRule, StripIndex};
 use crate::job::Matched;
 use crate::project::Project;
 use crate::report::data::Summary;
-use crate::settings::Setting;
+use crate::settings::{Grouping, Setting};
 use crate::stage::solve::{Setup, Solution};
 use crate::stage::ties::Ties;
 use crate::stage::trajectory::{PathReport, Poses, StoredPath};
 use crate::survey::Survey;
 
 /// Version of the files; a change of their shape raises it.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// The result of `match` on disk.
 #[derive(Debug, Serialize, Deserialize)]
@@ -32,6 +32,7 @@ struct MatchState {
     files: Vec<(PathBuf, u64)>,
     rule: SourceRule,
     sigma_floor_m: f64,
+    grouping: Grouping,
     settings: Vec<Setting>,
     strips: StripIndex,
     paths: Vec<Option<StoredPath>>,
@@ -96,12 +97,13 @@ fn forget(out: &Path, stages: &[&str]) -> Result<()> {
 /// # Errors
 /// When it cannot be written.
 pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
-    forget(out, &["calibrate", "solve"])?;
+    forget(out, &["calibrate", "solve", "correct"])?;
     let state = MatchState {
         version: VERSION,
         files: files_of(&matched.survey),
         rule: matched.rule,
         sigma_floor_m: matched.sigma_floor_m,
+        grouping: matched.grouping,
         settings: matched.settings.clone(),
         strips: matched.strips.clone(),
         paths: matched.poses.stored(),
@@ -144,6 +146,7 @@ pub fn load_match(project: &Project, out: &Path) -> Result<Matched> {
         survey,
         rule: state.rule,
         sigma_floor_m: state.sigma_floor_m,
+        grouping: state.grouping,
         settings: state.settings,
         strips: state.strips,
         poses,

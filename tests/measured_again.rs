@@ -33,6 +33,7 @@ fn errors_m(data: &Path, solution: &Path) -> (f64, f64) {
 /// are searched for.
 #[test]
 #[ignore = "two estimates of a drive: minutes in a debug build"]
+#[allow(clippy::print_stdout)] // figures for docs/mobile.md
 fn a_trajectory_that_was_metres_off_is_bound_by_ties_measured_again() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let scenario = std::fs::read_to_string(root.join("samples/scenarios/loop.toml")).expect("a scenario");

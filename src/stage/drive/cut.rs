@@ -362,7 +362,6 @@ mod tests {
             direction: Vector3::z(),
             normal_map: Vector3::z(),
             point_map_m: Vector3::new(east_m, 0.0, 0.0),
-            normal_body: Vector3::z(),
             normal_up,
             ends: Vec::new(),
             held_out: false,

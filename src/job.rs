@@ -16,10 +16,11 @@ use crate::progress::Progress;
 use crate::project::{ControlKind, Project};
 use crate::report::data::{FileSummary, Timing};
 use crate::sample::Sample;
-use crate::settings::{Setting, Settings};
+use crate::settings::{Grouping, Setting, Settings};
 use crate::stage::correct::{Corrections, correct_file, output_names};
 use crate::stage::drive::check;
 use crate::stage::drive::correction::DriveCorrection;
+use crate::stage::drive::cut::{Collector, Cut, CutPoint};
 use crate::stage::navigate::Measurements;
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
@@ -85,6 +86,8 @@ pub struct Matched {
     pub rule: SourceRule,
     /// Floor of the sigma of a tie end \[m\].
     pub sigma_floor_m: f64,
+    /// How patches became ties.
+    pub grouping: Grouping,
     /// Settings with their reasons.
     pub settings: Vec<Setting>,
     /// Strips.
@@ -164,8 +167,9 @@ fn match_all(
         spots_of_pavement = found;
         poses.notes.push(note);
     }
-    let (rule, sigma_floor_m, settings) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.list);
-    Ok(Matched { survey, rule, sigma_floor_m, settings, strips, poses, ties, spots: spots_of_pavement, points })
+    let (rule, sigma_floor_m, grouping) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.grouping());
+    let (settings, spots) = (settings.list, spots_of_pavement);
+    Ok(Matched { survey, rule, sigma_floor_m, grouping, settings, strips, poses, ties, spots, points })
 }
 
 /// The error of points whose time is not a number: names the first of them.
@@ -297,36 +301,40 @@ pub fn correct_strips(
 ) -> Result<Vec<FileSummary>> {
     let files = clock.time("correct", || {
         let corrections = Corrections::new(setup, model, &matched.strips, &matched.poses, matched.rule, inverse)?;
-        write_corrected(project, matched, &corrections, folder, progress)
+        write_corrected(project, matched, &corrections, &Collector::new(&[]), folder, progress)
     })?;
     clock.passed("correct", files.iter().map(|f| f.points).sum(), matched.survey.points());
     Ok(files)
 }
 
-/// Writes the corrected strips of a drive into a folder; with `inverse` the corrections are taken off.
+/// Writes the corrected strips of a drive into a folder; with `inverse` the corrections are taken off. Gives what was written, and the points
+/// of cuts through the cloud.
 ///
 /// # Errors
 /// When a trajectory does not cover a strip, or a file cannot be read or written; files already complete stay.
 pub fn correct_drive(
     project: &Project,
     matched: &Matched,
-    drive: &DriveCorrection,
+    (drive, cuts): (&DriveCorrection, &[Cut]),
     inverse: bool,
     folder: &Path,
     progress: Progress,
     clock: &mut Clock,
-) -> Result<Vec<FileSummary>> {
+) -> Result<(Vec<FileSummary>, Vec<Vec<CutPoint>>)> {
+    let collector = Collector::new(cuts);
     let files = clock.time("correct", || {
-        write_corrected(project, matched, &Corrections::of_drive(drive, matched, inverse)?, folder, progress)
+        let corrections = Corrections::of_drive(drive, matched, inverse)?;
+        write_corrected(project, matched, &corrections, &collector, folder, progress)
     })?;
     clock.passed("correct", files.iter().map(|f| f.points).sum(), matched.survey.points());
-    Ok(files)
+    Ok((files, collector.points()))
 }
 
 fn write_corrected(
     project: &Project,
     matched: &Matched,
     corrections: &Corrections<'_>,
+    collector: &Collector<'_>,
     folder: &Path,
     progress: Progress,
 ) -> Result<Vec<FileSummary>> {
@@ -337,7 +345,7 @@ fn write_corrected(
         .into_par_iter()
         .map(|(i, name)| {
             let file = &matched.survey.files[i];
-            correct_file(file, &folder.join(name), corrections, project.correct.scale_m, &|n| bar.inc(n))
+            correct_file(file, &folder.join(name), corrections, collector, project.correct.scale_m, &|n| bar.inc(n))
         })
         .collect();
     bar.finish();

@@ -61,8 +61,29 @@ pub struct Settings {
     pub hold_out: f64,
     /// Seed of the choice of held-out places.
     pub seed: u64,
+    /// Whether a vehicle drove through the survey, with inertial measurements of its own.
+    pub is_drive: bool,
     /// The list for the report.
     pub list: Vec<Setting>,
+}
+
+/// How patches become ties: what it takes to do it again.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Grouping {
+    /// When two patches count as the same surface.
+    pub pairing: PairingOptions,
+    /// Width of the tiles that patches are paired in \[m\].
+    pub tile_m: f64,
+    /// Most ties.
+    pub max_ties: usize,
+    /// Least spacing in space \[m\] and in time \[s\].
+    pub spacing: (f64, f64),
+    /// Share held out.
+    pub hold_out: f64,
+    /// Seed of the choice of held-out places.
+    pub seed: u64,
+    /// Width of the places that are held out \[m\].
+    pub place_m: f64,
 }
 
 /// Points of one source wanted in the smallest patch.
@@ -197,8 +218,23 @@ impl Settings {
             min_spacing_s: m.min_spacing_s.unwrap_or(0.0),
             hold_out,
             seed,
+            is_drive: project.imu.is_some(),
             list,
         })
+    }
+
+    /// How patches become ties.
+    #[must_use]
+    pub fn grouping(&self) -> Grouping {
+        Grouping {
+            pairing: self.pairing,
+            tile_m: self.grid.cell_m() * 32.0,
+            max_ties: self.max_ties,
+            spacing: (self.min_spacing_m, self.min_spacing_s),
+            hold_out: self.hold_out,
+            seed: self.seed,
+            place_m: (self.grid.cell_m() * 8.0).max(8.0),
+        }
     }
 }
 

@@ -17,7 +17,7 @@ use tieline_matching::{SourceRule, StripIndex};
 use crate::job::Matched;
 use crate::project::Project;
 use crate::report::data::Summary;
-use crate::settings::Setting;
+use crate::settings::{Grouping, Setting};
 use crate::stage::solve::{Setup, Solution};
 use crate::stage::ties::Ties;
 use crate::stage::trajectory::{PathReport, Poses, StoredPath};
@@ -33,6 +33,7 @@ struct MatchState {
     files: Vec<(PathBuf, u64)>,
     rule: SourceRule,
     sigma_floor_m: f64,
+    grouping: Grouping,
     settings: Vec<Setting>,
     strips: StripIndex,
     paths: Vec<Option<StoredPath>>,
@@ -98,12 +99,13 @@ fn forget(out: &Path, stages: &[&str]) -> Result<()> {
 /// # Errors
 /// When it cannot be written.
 pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
-    forget(out, &["calibrate", "solve"])?;
+    forget(out, &["calibrate", "solve", "correct"])?;
     let state = MatchState {
         version: VERSION,
         files: files_of(&matched.survey),
         rule: matched.rule,
         sigma_floor_m: matched.sigma_floor_m,
+        grouping: matched.grouping,
         settings: matched.settings.clone(),
         strips: matched.strips.clone(),
         paths: matched.poses.stored(),
@@ -147,6 +149,7 @@ pub fn load_match(project: &Project, out: &Path) -> Result<Matched> {
         survey,
         rule: state.rule,
         sigma_floor_m: state.sigma_floor_m,
+        grouping: state.grouping,
         settings: state.settings,
         strips: state.strips,
         poses,

@@ -107,6 +107,27 @@ fn held_out_ties_take_no_part_and_show_the_gain_over_range() {
 }
 
 #[test]
+fn ties_are_measured_again_and_the_report_shows_the_worst_places() {
+    let files = &staged().1;
+    let summary = timeless(&files["summary.json"]);
+    let again = &summary["measured_again"];
+    let number = |key: &str| again[key].as_u64().expect("a number");
+    assert!(number("times") >= 1 && number("pairs_before") > 5_000, "{again}");
+    assert_eq!(number("pairs_before") + number("pairs_gained"), number("pairs_after") + number("pairs_lost"));
+    let moved_m = again["largest_motion_m"].as_f64().expect("a number");
+    assert!(moved_m > 0.03 && moved_m < 0.3, "{moved_m}");
+    let notes = summary["notes"].as_array().expect("a list");
+    let says = |words: &str| notes.iter().filter(|n| n.as_str().is_some_and(|n| n.contains(words))).count();
+    assert_eq!(says("measured again on the corrected cloud"), 1, "{notes:?}");
+    let page = String::from_utf8_lossy(&files["report.html"]).into_owned();
+    for words in ["<section id=\"cuts\">", "Between visits", "visit 2, second", "Innovations of ties over time"] {
+        assert!(page.contains(words), "{words}");
+    }
+    // the files that were corrected, told by `correct`, stand in the page that `report` wrote
+    assert!(page.contains("corrected/pass1.laz") && files.contains_key("stages/correct.json"));
+}
+
+#[test]
 fn corrections_of_a_drive_can_be_taken_off_again() {
     let (bench, before) = staged();
     let corrected = ["pass1.laz", "pass2.laz"].map(|name| format!("out/corrected/{name}"));

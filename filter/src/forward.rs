@@ -374,13 +374,16 @@ impl Run<'_> {
         let lost = *rejected >= LOST_AFTER && kind != MeasurementKind::Tie;
         let forced = lost || judged;
         let at = (event.time_s, kind);
-        let (innovation, record) = take_in(&mut self.gaussian, m, at, self.plan.options.false_alarm, forced)
+        let (mut innovation, record) = take_in(&mut self.gaussian, m, at, self.plan.options.false_alarm, forced)
             .map_err(|_| SmootherError::NoVariance { kind: kind.as_str(), time_s: event.time_s })?;
         if lost {
             self.result.lost.push(at);
         }
         *rejected = if innovation.weight > 0.0 { 0 } else { *rejected + 1 };
         let weight = innovation.weight;
+        if let EventKind::Sighting(tie, sighting) = event.kind {
+            innovation.sighting = Some((tie, sighting));
+        }
         self.result.innovations.push(innovation);
         if let Some(record) = record {
             self.operations.push(Operation::Update(record));

@@ -56,6 +56,8 @@ pub struct Innovation {
     pub squared: f64,
     /// Factor on the weight: 1 trusted, below 1 down-weighted, 0 left out.
     pub weight: f64,
+    /// Of a tie: its row among those given, and that of the sighting.
+    pub sighting: Option<(usize, usize)>,
 }
 
 /// Beyond this many times its limit a measurement is left out.
@@ -125,7 +127,7 @@ pub(crate) fn take_in(
     }
     let predicted = (value.clone(), spread, columns);
     let record = (weight > 0.0).then(|| gaussian.update_with(measurement.rows, predicted, precision));
-    Ok((Innovation { time_s, kind, value, normalised, squared, weight }, record))
+    Ok((Innovation { time_s, kind, value, normalised, squared, weight, sighting: None }, record))
 }
 
 #[cfg(test)]

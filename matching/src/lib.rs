@@ -36,5 +36,7 @@ pub use select::{Spacing, is_held_out, normal_bin, select};
 pub use sensor_path::{PathRefused, PathSource, SensorPath, path_from_return_pairs};
 pub use sketch::{BinSketch, ReturnPair, SamplePoint, Sketches, mix};
 pub use strip::{Strip, StripIndex, StripOptions};
-pub use surface_line::{End, Measurement, PairingOptions, Rejection, SurfaceLine, compare, measure, pair};
+pub use surface_line::{
+    End, Measurement, PairingOptions, Rejection, RowEnd, SurfaceLine, compare, line_of, measure, pair, pair_rows,
+};
 pub use tile::{PatchOptions, patches_of_tile};

@@ -79,7 +79,7 @@ impl Rejection {
 }
 
 /// When two patches count as the same surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairingOptions {
     /// Largest distance along the normal \[m\], also the reach of the search.
     pub search_m: f64,
@@ -211,6 +211,22 @@ pub fn compare(seed: &Patch, other: &Patch, options: &PairingOptions) -> Result<
 /// joins. Every patch belongs to one line at most. The order of the result is fixed.
 #[must_use]
 pub fn pair(patches: &[Patch], options: &PairingOptions) -> Vec<SurfaceLine> {
+    pair_rows(patches, options).iter().map(|ends| line_of(patches, ends)).collect()
+}
+
+/// An end of a line as the row of its patch, and why it is not used.
+pub type RowEnd = (usize, Option<Rejection>);
+
+/// The line of some rows of a slice of patches.
+#[must_use]
+pub fn line_of(patches: &[Patch], ends: &[RowEnd]) -> SurfaceLine {
+    let ends = ends.iter().map(|(row, rejection)| End { patch: patches[*row].clone(), rejection: *rejection });
+    SurfaceLine { ends: ends.collect() }
+}
+
+/// The lines of [`pair`] as rows of the slice.
+#[must_use]
+pub fn pair_rows(patches: &[Patch], options: &PairingOptions) -> Vec<Vec<RowEnd>> {
     let tree = RTree::bulk_load(patches.iter().enumerate().map(|(row, patch)| Boxed { row, patch }).collect());
     let mut order: Vec<usize> = (0..patches.len()).collect();
     order.sort_by_key(|&row| (std::cmp::Reverse(patches[row].points), row));
@@ -241,12 +257,12 @@ pub fn pair(patches: &[Patch], options: &PairingOptions) -> Vec<SurfaceLine> {
         if best.is_empty() {
             continue;
         }
-        let mut ends = vec![End { patch: seed.clone(), rejection: None }];
+        let mut ends = vec![(seed_row, None)];
         for (_, row, rejection) in best.into_values() {
             taken[row] |= rejection.is_none();
-            ends.push(End { patch: patches[row].clone(), rejection });
+            ends.push((row, rejection));
         }
-        lines.push(SurfaceLine { ends });
+        lines.push(ends);
     }
     lines
 }

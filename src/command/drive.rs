@@ -14,14 +14,16 @@ use crate::outputs::tie_text::write_tie_text_of;
 use crate::progress::Progress;
 use crate::project::Project;
 use crate::report::data::FileSummary;
+use crate::report::drive::data::CorrectedDrive;
 use crate::report::drive::{DriveReport, gather, three_lines, write_report};
 use crate::report::spots;
 use crate::stage::drive;
 use crate::stage::drive::correction::DriveCorrection;
+use crate::stage::drive::cut::CutPoint;
 use crate::stage::drive::residuals::residuals;
-use crate::stage::drive::{Decisions, DriveSolution, known};
+use crate::stage::drive::{Decided, DriveSolution, known};
 use crate::stage::navigate::{Mask, Measurements, load};
-use crate::state::drive::{SolvedDrive, load_calibrate, load_drive, save_drive};
+use crate::state::drive::{SolvedDrive, load_calibrate, load_corrected, load_drive, save_corrected, save_drive};
 use crate::state::{is_matched, load_match, save_match};
 
 /// Whether a project is a drive with strips.
@@ -56,14 +58,19 @@ pub fn run(
         solving.write(&solved, &[], args.csv, &mut clock)?
     };
     let folder = options.out.join("corrected");
-    solved.summary.files =
-        correct_drive(project, &matched, &solved.correction, false, &folder, options.progress, &mut clock)?;
-    conclude(solved, matched.points, options, &clock, common, out)
+    let correction = (&solved.correction, &solved.charts.cuts[..]);
+    let (files, cut_points) =
+        correct_drive(project, &matched, correction, false, &folder, options.progress, &mut clock)?;
+    let corrected = CorrectedDrive { files, cut_points };
+    clock.time("write", || save_corrected(&options.out, &corrected))?;
+    solved.summary.files = corrected.files;
+    conclude(solved, &corrected.cut_points, matched.points, options, &clock, common, out)
 }
 
 /// Writes the report with what the job took, and says how it went; `points` were read.
 fn conclude(
     mut solved: SolvedDrive,
+    cut_points: &[Vec<CutPoint>],
     points: u64,
     options: &JobOptions,
     clock: &Clock,
@@ -72,7 +79,7 @@ fn conclude(
 ) -> Result<()> {
     solved.summary.timing = clock.timing(points);
     solved.summary.peak_memory_bytes = peak_bytes();
-    write_report(&options.out, &solved.summary, &solved.charts)?;
+    write_report(&options.out, &solved.summary, &solved.charts, cut_points)?;
     finish(&solved, &options.out, common, out)
 }
 
@@ -120,12 +127,16 @@ pub fn solve(
 ) -> Result<()> {
     let mut clock = Clock::default();
     let matched = load_match(project, &options.out)?;
-    let (decided, note) = load_calibrate(&options.out, project)?;
+    let (mut decided, note) = load_calibrate(&options.out, project)?;
+    if !masks.is_empty() {
+        // what is masked is in the trajectory that patches were moved by
+        decided.iter_mut().for_each(|d| d.moved_by = None);
+    }
     let measurements = clock.time("read", || load(project, masks))?;
     let solving = Solving { project, options, matched: &matched, measurements: &measurements };
     let solved = solving.estimate(decided.as_ref(), &mut clock)?;
     let solved = solving.write(&solved, note.as_slice(), args.csv, &mut clock)?;
-    conclude(solved, matched.points, options, &clock, common, out)
+    conclude(solved, &[], matched.points, options, &clock, common, out)
 }
 
 /// Writes the corrected strips of a drive into the second of two folders, or takes its corrections off strips; the report in the first then
@@ -142,11 +153,15 @@ pub(crate) fn correct(
     progress: Progress,
 ) -> Result<Vec<FileSummary>> {
     let mut clock = Clock::default();
-    let files = correct_drive(project, matched, &solved.correction, inverse, target, progress, &mut clock)?;
+    // what is taken off again is not looked at
+    let cuts = if inverse { &[] } else { &solved.charts.cuts[..] };
+    let correction = (&solved.correction, cuts);
+    let (files, cut_points) = correct_drive(project, matched, correction, inverse, target, progress, &mut clock)?;
     if !inverse {
-        solved.summary.files.clone_from(&files);
-        save_drive(folder, &solved)?;
-        write_report(folder, &solved.summary, &solved.charts)?;
+        let corrected = CorrectedDrive { files: files.clone(), cut_points };
+        save_corrected(folder, &corrected)?;
+        solved.summary.files = corrected.files;
+        write_report(folder, &solved.summary, &solved.charts, &corrected.cut_points)?;
     }
     Ok(files)
 }
@@ -156,8 +171,10 @@ pub(crate) fn correct(
 /// # Errors
 /// When `solve` was not run, or a file cannot be written.
 pub fn report(folder: &Path, common: &Common, out: &mut impl Write) -> Result<()> {
-    let solved = load_drive(folder)?;
-    write_report(folder, &solved.summary, &solved.charts)?;
+    let mut solved = load_drive(folder)?;
+    let corrected = load_corrected(folder)?;
+    solved.summary.files = corrected.files;
+    write_report(folder, &solved.summary, &solved.charts, &corrected.cut_points)?;
     finish(&solved, folder, common, out)
 }
 
@@ -171,7 +188,7 @@ pub(crate) struct Solving<'a> {
 
 impl Solving<'_> {
     /// Estimates trajectory and calibration.
-    pub(crate) fn estimate(&self, decided: Option<&Decisions>, clock: &mut Clock) -> Result<DriveSolution> {
+    pub(crate) fn estimate(&self, decided: Option<&Decided>, clock: &mut Clock) -> Result<DriveSolution> {
         let known = known::load(self.project)?;
         let bar = self.options.progress.spinner("estimating trajectory and calibration");
         let memory_bytes = self.options.memory_bytes;

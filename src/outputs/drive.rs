@@ -91,7 +91,7 @@ fn write_ties(
                 &Row {
                     id: line.row,
                     number: end.number,
-                    patch: &matched.ties.lines[line.row].ends[end.number].patch,
+                    patch: &drive.ties(matched).lines[line.row].ends[end.number].patch,
                     kind: if increment { "increment" } else { "surface_line" },
                     class: line.class().as_str(),
                     sigma_m: end.sighting.covariance_m2[(0, 0)].sqrt(),

@@ -128,6 +128,8 @@ pub struct MatchSection {
     pub hold_out: Option<f64>,
     /// Seed of the choice of held-out places.
     pub seed: Option<u64>,
+    /// Drives: whether ties are measured again on the corrected cloud, and the adjustment made once more with them; so it is when left out.
+    pub measure_again: Option<bool>,
 }
 
 /// `xyz`: `"off"`, `"auto"` or a list of kinds.

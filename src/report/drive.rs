@@ -2,12 +2,14 @@
 
 mod calibration;
 pub mod calibration_run;
+mod cuts;
 pub mod data;
 #[cfg(test)]
 mod example;
 mod fit;
 mod gather;
 mod headline;
+mod innovation;
 mod map;
 mod page;
 mod pairs;
@@ -24,6 +26,7 @@ use crate::job::Matched;
 use crate::project::Project;
 use crate::report::drive::data::{DriveCharts, DriveSummary};
 use crate::stage::drive::DriveSolution;
+use crate::stage::drive::cut::CutPoint;
 use crate::stage::drive::residuals::Residual;
 use crate::stage::navigate::Measurements;
 
@@ -53,13 +56,18 @@ pub struct DriveReport<'a> {
 ///
 /// # Errors
 /// When one cannot be written.
-pub(crate) fn write_report(out: &Path, summary: &DriveSummary, charts: &DriveCharts) -> Result<()> {
+pub(crate) fn write_report(
+    out: &Path,
+    summary: &DriveSummary,
+    charts: &DriveCharts,
+    cut_points: &[Vec<CutPoint>],
+) -> Result<()> {
     let value = serde_json::to_value(summary).context("the summary cannot be written as JSON")?;
     let write = |name: &str, text: &str| {
         write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
     };
     write("summary.json", &format!("{value:#}\n"))?;
-    write("report.html", &page::render(summary, charts))
+    write("report.html", &page::render(summary, charts, cut_points))
 }
 
 /// What got better, what was calibrated and how sure the trajectory is, and where the report lies.

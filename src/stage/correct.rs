@@ -13,6 +13,7 @@ use crate::job::Matched;
 use crate::report::data::FileSummary;
 use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::curve::RangeSpline;
+use crate::stage::drive::cut::{Collector, Found};
 use crate::stage::solve::Setup;
 use crate::stage::trajectory::Poses;
 use crate::survey::{Survey, SurveyFile};
@@ -218,7 +219,7 @@ pub fn scale_of(file: &LasFile, asked_m: Option<f64>) -> [f64; 3] {
     asked_m.map_or_else(|| output_scale(file.header().scale), |s| [s; 3])
 }
 
-/// Writes one corrected file.
+/// Writes one corrected file; points of cuts are collected on the way.
 ///
 /// # Errors
 /// When a chunk cannot be read, a point has no strip, or the output cannot be written.
@@ -226,6 +227,7 @@ pub fn correct_file(
     file: &SurveyFile,
     output: &Path,
     corrections: &Corrections<'_>,
+    collector: &Collector<'_>,
     scale_m: Option<f64>,
     advance: &(dyn Fn(u64) + Sync),
 ) -> Result<FileSummary> {
@@ -233,6 +235,7 @@ pub fn correct_file(
     rewrite_moved(&file.las, output, scale_m, advance, |first, records, record_length, points| {
         let mut last = LastStrip { source: SourceKey(u64::MAX), start_s: 0.0, end_s: 0.0, strip: 0, scanner: 0 };
         let mut largest_square = 0.0_f64;
+        let mut found = Found::new();
         for (i, (record, xyz)) in records.chunks_exact(record_length).zip(points.iter_mut()).enumerate() {
             let (source, time_s) = fields.of(record);
             let point = Vector3::from(*xyz);
@@ -240,8 +243,12 @@ pub fn correct_file(
                 .apply(source, time_s, &point, &mut last)
                 .ok_or_else(|| format!("point {} at {time_s:.6} s belongs to no strip", first + i as u64))?;
             largest_square = largest_square.max((moved - point).norm_squared());
+            #[allow(clippy::cast_possible_truncation)] // scanners are numbered in 16 bits
+            let seen = (time_s, last.scanner as u16);
+            collector.look(&mut found, (file.number, first + i as u64), seen, &point, &moved);
             *xyz = moved.into();
         }
+        collector.take(found);
         Ok(largest_square.sqrt())
     })
 }

@@ -6,12 +6,13 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_matching::{
-    BinSketch, Cell, Patch, RejectOptions, Rejection, Sighting, SourceKey, Spacing, StripIndex, SurfaceLine, TileMerge,
-    is_held_out, mix, normal_bin, pair, patches_of_tile, reject_by_distance, select,
+    BinSketch, Cell, End, Patch, RejectOptions, Rejection, RowEnd, Sighting, SourceKey, Spacing, StripIndex,
+    SurfaceLine, TileMerge, is_held_out, line_of, mix, normal_bin, pair_rows, patches_of_tile, reject_by_distance,
+    select,
 };
 
 use crate::project::SurfaceWord;
-use crate::settings::{Limits, Settings};
+use crate::settings::{Grouping, Limits, Settings};
 use crate::stage::scan::Scan;
 use crate::stage::trajectory::Poses;
 
@@ -33,6 +34,10 @@ pub struct Ties {
     pub found: u64,
     /// Ends rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
+    /// Of a drive: patches that belong to no line but have one of another sighting not far off. Where the trajectory is better known
+    /// they may turn out to be of one surface.
+    #[serde(default)]
+    pub lone: Vec<Patch>,
 }
 
 /// A known point on a surface, in the local frame.
@@ -51,6 +56,7 @@ struct OfTile {
     found: u64,
     tied: Vec<SurfaceLine>,
     loose: Vec<SurfaceLine>,
+    lone: Vec<Patch>,
 }
 
 /// Tiles worked on at a time.
@@ -90,12 +96,17 @@ pub fn find(
                 patches.retain(|p| is_within(p, &settings.limits, poses, &settings.grid.origin_m));
                 let beyond = count - patches.len() as u64;
                 thin_level(&mut patches, per_tile.div_ceil(2), settings);
+                if settings.is_drive {
+                    face_the_vehicle(&mut patches, poses, &settings.grid.origin_m);
+                }
                 add_control(&mut patches, control, settings);
-                let lines = pair(&patches, &settings.pairing);
-                let (tied, loose): (Vec<_>, Vec<_>) = lines.into_iter().partition(SurfaceLine::is_tie);
+                let rows = pair_rows(&patches, &settings.pairing);
+                let lone = if settings.is_drive { lone(&patches, &rows, per_tile, settings) } else { Vec::new() };
+                let lines = rows.iter().map(|ends| line_of(&patches, ends));
+                let (tied, loose): (Vec<_>, Vec<_>) = lines.partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
                 let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
-                OfTile { patches: count, beyond, found, tied, loose }
+                OfTile { patches: count, beyond, found, tied, loose, lone }
             })
             .collect();
         for tile in found {
@@ -106,6 +117,7 @@ pub fn find(
             ties.found += tile.found;
             ties.lines.extend(tile.tied);
             ties.lines.extend(tile.loose);
+            ties.lone.extend(tile.lone);
         }
     }
     judge(&mut ties, strips, settings);
@@ -173,6 +185,40 @@ fn thin_level(patches: &mut Vec<Patch>, limit: usize, settings: &Settings) {
     }
 }
 
+/// Turns the normals of walls towards the vehicle: the sign of one that lies level is chance, and two sightings of a wall would be taken for its
+/// two sides.
+fn face_the_vehicle(patches: &mut [Patch], poses: &Poses, origin_m: &[f64; 3]) {
+    for patch in patches.iter_mut().filter(|p| SurfaceWord::of(p.normal.z) == SurfaceWord::Steep) {
+        let Some(pose) = poses.at(patch.sighting.strip, patch.time_s) else { continue };
+        if patch.normal.dot(&(patch.centroid_m + Vector3::from(*origin_m) - pose.position)) > 0.0 {
+            patch.normal = -patch.normal;
+        }
+    }
+}
+
+/// Patches that no line holds, with one of another sighting as near as a trajectory may be wrong; as many as a tile keeps of ties.
+#[allow(clippy::cast_possible_truncation)] // squares of a tile
+fn lone(patches: &[Patch], lines: &[Vec<RowEnd>], limit: usize, settings: &Settings) -> Vec<Patch> {
+    /// As near as so many search distances.
+    const REACH: f64 = 4.0;
+    let reach_m = REACH * settings.pairing.search_m;
+    let square = |p: &Patch| [p.centroid_m.x, p.centroid_m.y].map(|v| (v / reach_m).floor() as i64);
+    let mut seen: BTreeMap<[i64; 2], BTreeSet<Sighting>> = BTreeMap::new();
+    for patch in patches {
+        seen.entry(square(patch)).or_default().insert(patch.sighting);
+    }
+    let in_line: BTreeSet<usize> = lines.iter().flatten().map(|(row, _)| *row).collect();
+    let has_neighbour = |p: &Patch| {
+        let [x, y] = square(p);
+        (-1..=1).any(|i| {
+            (-1..=1).any(|j| seen.get(&[x + i, y + j]).is_some_and(|s| s.iter().any(|other| *other != p.sighting)))
+        })
+    };
+    let alone = patches.iter().enumerate().filter(|(row, p)| !in_line.contains(row) && has_neighbour(p));
+    let lines = alone.map(|(_, p)| SurfaceLine { ends: vec![End { patch: p.clone(), rejection: None }] }).collect();
+    thin(lines, limit).into_iter().flat_map(|line| line.ends).map(|end| end.patch).collect()
+}
+
 /// A known point becomes a patch without extent of its own: it takes the plane of the patch that it lies on.
 fn add_control(patches: &mut Vec<Patch>, control: &[ControlPoint], settings: &Settings) {
     let mut added = Vec::new();
@@ -224,23 +270,26 @@ fn thin(mut lines: Vec<SurfaceLine>, limit: usize) -> Vec<SurfaceLine> {
 
 /// Rejects by distance, selects to the budget, holds out by place.
 fn judge(ties: &mut Ties, strips: &StripIndex, settings: &Settings) {
-    let options = RejectOptions { sigma_floor_m: settings.pairing.sigma_floor_m, ..RejectOptions::default() };
-    reject_by_distance(&mut ties.lines, Clone::clone, &options);
-    let spacing = Spacing { distance_m: settings.min_spacing_m, time_s: settings.min_spacing_s };
-    let spans: Vec<(f64, f64)> = strips.strips().iter().map(|s| (s.start_s, s.end_s)).collect();
-    ties.selected = select(&ties.lines, settings.max_ties, spacing, |strip| {
-        spans.get(strip as usize).copied().unwrap_or((0.0, 1.0))
-    });
-    let place_m = (settings.grid.cell_m() * 8.0).max(8.0);
+    let grouping = settings.grouping();
+    ties.selected = reject_and_select(&mut ties.lines, strips, &grouping);
     ties.held_out = ties
         .selected
         .iter()
         .map(|i| {
             let known = ties.lines[*i].used().any(|(_, p)| p.sighting.strip == CONTROL_STRIP);
-            !known && is_held_out(&ties.lines[*i], settings.seed, settings.hold_out, place_m)
+            !known && is_held_out(&ties.lines[*i], grouping.seed, grouping.hold_out, grouping.place_m)
         })
         .collect();
     mark_budget(ties);
+}
+
+/// Rejects ends by their distances and selects lines to the budget: their rows.
+pub(crate) fn reject_and_select(lines: &mut [SurfaceLine], strips: &StripIndex, grouping: &Grouping) -> Vec<usize> {
+    let options = RejectOptions { sigma_floor_m: grouping.pairing.sigma_floor_m, ..RejectOptions::default() };
+    reject_by_distance(lines, Clone::clone, &options);
+    let spacing = Spacing { distance_m: grouping.spacing.0, time_s: grouping.spacing.1 };
+    let spans: Vec<(f64, f64)> = strips.strips().iter().map(|s| (s.start_s, s.end_s)).collect();
+    select(lines, grouping.max_ties, spacing, |strip| spans.get(strip as usize).copied().unwrap_or((0.0, 1.0)))
 }
 
 /// Marks the ties that the budget left out, counts all reasons, and lets go of most of the ties left out for nothing but

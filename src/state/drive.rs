@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{VERSION, read, write};
 use crate::project::{CalibrateSection, Project};
-use crate::report::drive::data::{DriveCharts, DriveSummary};
-use crate::stage::drive::Decisions;
+use crate::report::drive::data::{CorrectedDrive, DriveCharts, DriveSummary};
 use crate::stage::drive::correction::{DriveCorrection, ScannerCorrection};
+use crate::stage::drive::{Decided, Decisions, DriveSolution};
 use crate::stage::trajectory::StoredPath;
 
 /// The result of `calibrate` on disk.
@@ -19,6 +19,14 @@ struct CalibrateState {
     /// What was asked for.
     asked: CalibrateSection,
     decisions: Decisions,
+    moved_by: Option<MovedBy>,
+}
+
+/// What patches were moved by to measure ties again.
+#[derive(Debug, Serialize, Deserialize)]
+struct MovedBy {
+    path: StoredPath,
+    scanners: Vec<ScannerCorrection>,
 }
 
 /// The result of `solve` on disk.
@@ -29,6 +37,35 @@ struct SolveState {
     scanners: Vec<ScannerCorrection>,
     summary: DriveSummary,
     charts: DriveCharts,
+}
+
+/// The result of `correct` on disk.
+#[derive(Debug, Serialize, Deserialize)]
+struct CorrectState {
+    version: u32,
+    corrected: CorrectedDrive,
+}
+
+/// Leaves what `correct` has for the report in the output folder.
+///
+/// # Errors
+/// When it cannot be written.
+pub(crate) fn save_corrected(out: &Path, corrected: &CorrectedDrive) -> Result<()> {
+    write(&out.join("stages/correct.json"), &CorrectState { version: VERSION, corrected: corrected.clone() })
+}
+
+/// What `correct` left for the report; nothing where it was not run.
+///
+/// # Errors
+/// When the file cannot be read.
+pub(crate) fn load_corrected(out: &Path) -> Result<CorrectedDrive> {
+    let path = out.join("stages/correct.json");
+    if !path.is_file() {
+        return Ok(CorrectedDrive::default());
+    }
+    let state: CorrectState = read(&path, "correct")?;
+    ensure_version(state.version, &path, "correct")?;
+    Ok(state.corrected)
 }
 
 /// The result of `solve` for the stages after it.
@@ -46,9 +83,15 @@ pub(crate) struct SolvedDrive {
 ///
 /// # Errors
 /// When it cannot be written.
-pub(crate) fn save_calibrate(out: &Path, project: &Project, decisions: &Decisions) -> Result<()> {
-    super::forget(out, &["solve"])?;
-    let state = CalibrateState { version: VERSION, asked: project.calibrate.clone(), decisions: decisions.clone() };
+pub(crate) fn save_calibrate(out: &Path, project: &Project, solved: &DriveSolution) -> Result<()> {
+    super::forget(out, &["solve", "correct"])?;
+    let moved_by = solved.moved_by.as_ref();
+    let state = CalibrateState {
+        version: VERSION,
+        asked: project.calibrate.clone(),
+        decisions: solved.decisions.clone(),
+        moved_by: moved_by.map(|m| MovedBy { path: StoredPath::of_poses(&m.trajectory), scanners: m.scanners.clone() }),
+    };
     write(&out.join("stages/calibrate.json"), &state)
 }
 
@@ -56,7 +99,7 @@ pub(crate) fn save_calibrate(out: &Path, project: &Project, decisions: &Decision
 ///
 /// # Errors
 /// When the file cannot be read.
-pub(crate) fn load_calibrate(out: &Path, project: &Project) -> Result<(Option<Decisions>, Option<String>)> {
+pub(crate) fn load_calibrate(out: &Path, project: &Project) -> Result<(Option<Decided>, Option<String>)> {
     let path = out.join("stages/calibrate.json");
     if !path.is_file() {
         return Ok((None, None));
@@ -69,14 +112,22 @@ pub(crate) fn load_calibrate(out: &Path, project: &Project) -> Result<(Option<De
         );
         return Ok((None, Some(note)));
     }
-    Ok((Some(state.decisions), None))
+    let unusable = || format!("{} cannot be used: run `tieline calibrate` again", path.display());
+    let moved_by = match state.moved_by {
+        Some(MovedBy { path, scanners }) => {
+            Some(DriveCorrection { trajectory: path.trajectory().with_context(unusable)?, scanners })
+        }
+        None => None,
+    };
+    Ok((Some(Decided { decisions: state.decisions, moved_by }), None))
 }
 
-/// Leaves the result of `solve` in the output folder.
+/// Leaves the result of `solve` in the output folder; what `correct` left there is of another solution and goes.
 ///
 /// # Errors
 /// When it cannot be written.
 pub(crate) fn save_drive(out: &Path, solved: &SolvedDrive) -> Result<()> {
+    super::forget(out, &["correct"])?;
     let state = SolveState {
         version: VERSION,
         path: StoredPath::of_poses(&solved.correction.trajectory),

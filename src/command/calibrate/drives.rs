@@ -77,7 +77,7 @@ fn one(project: &Project, options: &JobOptions, clock: &mut Clock) -> Result<Cal
     let (matched, measurements, found) = take_up(project, options, clock)?;
     let solved = Solving { project, options, matched: &matched, measurements: &measurements }.estimate(None, clock)?;
     write_calibration(project, &solved.calibrated(), &options.out)?;
-    save_calibrate(&options.out, project, &solved.decisions)?;
+    save_calibrate(&options.out, project, &solved)?;
     let drive = DriveOfRun {
         name: project.name().to_string(),
         ties: solved.chosen.ties.len(),

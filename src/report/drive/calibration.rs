@@ -1,14 +1,12 @@
-//! Calibration and innovations: what was estimated, what was fixed, and how well the measurements fit.
+//! Calibration: what was estimated, what was fixed.
 
 use crate::report::drive::data::{DriveSummary, TermSummary};
 use crate::report::html::{Align, Table, bar, escape, section};
-use crate::report::number::{count, decimals_for, fixed, length, mm, signed};
+use crate::report::number::{decimals_for, fixed, length, mm, signed};
 
 const LEAD: &str = "Corrections of the mounting that the project gives, on its axes. Known from data says how much of a value comes \
 from this drive: at 0 % it is what was assumed beforehand. Each term is tested for all scanners together: below 1 it differs from \
 nothing by no more than chance, is fixed at its nominal value, and the others get better known.";
-const INNOVATION_LEAD: &str = "Measured less expected, in units of what was to be expected: the mean of its square is 1 a component \
-when the sigmas are right, less when they are cautious. Above 2 a measurement is worse than its sigma says.";
 
 /// Terms and values.
 pub(crate) fn terms(summary: &DriveSummary) -> String {
@@ -81,51 +79,6 @@ fn row(table: &mut Table, term: &TermSummary, name: &str, [value, sigma, prior, 
         if term.estimated { "taken" } else { "" },
         &[length(term.scanner), escape(name), value, sigma, prior, unit, known, fixed(term.test, 2), escape(&outcome)],
     );
-}
-
-/// Innovations by kind of measurement.
-pub(crate) fn innovations(summary: &DriveSummary) -> String {
-    let mut table = Table::new(
-        "Innovations by kind of measurement",
-        &[
-            ("Measurement", "", Align::Text),
-            ("Number", "", Align::Number),
-            ("Mean square", "a component", Align::Number),
-            ("Down-weighted", "", Align::Number),
-            ("Left out", "", Align::Number),
-            ("Share taken as it is", "", Align::Text),
-        ],
-    );
-    for (kind, i) in &summary.trajectory.innovations {
-        let whole = i.count.saturating_sub(i.down_weighted + i.left_out);
-        let share = whole as f64 / i.count.max(1) as f64;
-        table.row_of_html(
-            "",
-            &[
-                escape(&in_words(kind)),
-                count(i.count as u64),
-                fixed(i.mean_nis_per_component, 2),
-                count(i.down_weighted as u64),
-                count(i.left_out as u64),
-                bar(share, "quiet"),
-            ],
-        );
-    }
-    let body = table.html();
-    if body.is_empty() { body } else { section("innovations", "Innovations", INNOVATION_LEAD, &body) }
-}
-
-fn in_words(kind: &str) -> String {
-    let words = match kind {
-        "position" => "GNSS position",
-        "velocity" => "GNSS velocity",
-        "constraint" => "vehicle neither slides nor jumps",
-        "zero_velocity" => "at rest: no velocity",
-        "zero_rotation" => "at rest: no rotation",
-        "tie" => "tie, second and later sightings",
-        other => return other.replace('_', " "),
-    };
-    String::from(words)
 }
 
 /// Figures of the trajectory, a name and a value each.

@@ -8,6 +8,8 @@ use tieline_filter::CorrectionRow;
 use crate::report::data::{Discrepancies, Discrepancy, FileSummary, Summary, TieCounts, Timing};
 use crate::report::nullable;
 use crate::settings::Setting;
+use crate::stage::drive::again::Gain;
+use crate::stage::drive::cut::{Cut, CutPoint};
 use crate::stage::drive::ties::Class;
 
 /// Numbers of measurements.
@@ -252,6 +254,9 @@ pub struct DriveSummary {
     pub ties_by_class: BTreeMap<String, ClassSummary>,
     /// Ends rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
+    /// What it changed to measure ties again on the corrected cloud.
+    #[serde(default)]
+    pub measured_again: Option<Gain>,
     /// Differences, last less first sighting of each line, before and after.
     pub discrepancy: Discrepancies,
     /// Differences over range and lateral distance, by class; they count towards the vehicle.
@@ -338,6 +343,21 @@ impl Origin {
     }
 }
 
+/// What a sighting of a tie said against what the filter expected of it.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(crate) struct TieInnovation {
+    /// What the tie binds.
+    pub(crate) class: Class,
+    /// Survey time \[s\].
+    #[serde(deserialize_with = "nullable::numbers")]
+    pub(crate) time_s: f64,
+    /// Over its expected standard deviation.
+    #[serde(deserialize_with = "nullable::numbers")]
+    pub(crate) normalised: f64,
+    /// Whether the smoother left the sighting out in the end.
+    pub(crate) left_out: bool,
+}
+
 /// What only the charts need.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct DriveCharts {
@@ -362,4 +382,19 @@ pub(crate) struct DriveCharts {
     /// Path: time \[s\], east, north \[m\].
     #[serde(deserialize_with = "nullable::numbers")]
     pub(crate) path: Vec<[f64; 3]>,
+    /// Innovations of ties, in order of time.
+    #[serde(default)]
+    pub(crate) innovations: Vec<TieInnovation>,
+    /// Where the cloud is cut to be looked at.
+    #[serde(default)]
+    pub(crate) cuts: Vec<Cut>,
+}
+
+/// What `correct` leaves for the report.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct CorrectedDrive {
+    /// Corrected files.
+    pub(crate) files: Vec<FileSummary>,
+    /// Points of the cuts, in their order.
+    pub(crate) cut_points: Vec<Vec<CutPoint>>,
 }

@@ -7,8 +7,10 @@ use crate::report::data::{Discrepancies, Discrepancy, FileSummary, TieCounts, Ti
 use crate::report::drive::data::{
     ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
     EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
+    TieInnovation,
 };
 use crate::settings::Setting;
+use crate::stage::drive::again::Gain;
 use crate::stage::drive::ties::Class;
 
 /// First and last second of the strips, and of the stretch without GNSS.
@@ -68,6 +70,13 @@ pub(crate) fn drive() -> (DriveSummary, DriveCharts) {
         ties_by_class: classes.into(),
         rejected: [(String::from("normal_angle"), 321)].into(),
         difference_over: crate::report::drive::ranges::differences(&charts.pairs),
+        measured_again: Some(Gain {
+            pairs_before: 9_000,
+            pairs_after: 9_050,
+            pairs_gained: 80,
+            pairs_lost: 30,
+            ..Gain::default()
+        }),
         discrepancy: discrepancy(&mut charts.lines.iter().map(|l| ((l.0, l.1), l.2))),
         calibration: calibration(),
         trajectory: trajectory(),
@@ -120,6 +129,17 @@ fn charts() -> DriveCharts {
         lines: pairs.iter().map(|p| (p.difference_m.0, p.difference_m.1, p.held_out)).collect(),
         path: times().map(|t| [t, place(t)[0], place(t)[1]]).collect(),
         corrections: corrections.collect(),
+        innovations: pairs
+            .iter()
+            .enumerate()
+            .map(|(i, p)| TieInnovation {
+                class: p.class,
+                time_s: SPAN_S.0 + 0.05 * i as f64,
+                normalised: 400.0 * p.difference_m.1,
+                left_out: i % 97 == 0,
+            })
+            .collect(),
+        cuts: Vec::new(),
         pairs,
     }
 }

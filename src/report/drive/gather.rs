@@ -11,11 +11,13 @@ use crate::report::drive::DriveReport;
 use crate::report::drive::data::{
     ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
     EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
+    TieInnovation,
 };
 use crate::report::drive::{pairs, ranges};
 use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::constants::Term;
 use crate::stage::drive::ties::Class;
+use crate::stage::drive::{DriveSolution, cut};
 
 /// A longer gap between GNSS fixes is an outage \[s\].
 const OUTAGE_S: f64 = 5.0;
@@ -56,6 +58,7 @@ pub(crate) fn gather(report: &DriveReport<'_>) -> (DriveSummary, DriveCharts) {
         ties,
         ties_by_class,
         rejected: rejected(report),
+        measured_again: drive.again.as_ref().map(|a| a.gain),
         discrepancy,
         difference_over: ranges::differences(&charts.pairs),
         calibration: calibration(&drive.calibrated()),
@@ -108,7 +111,26 @@ fn charts(report: &DriveReport<'_>) -> DriveCharts {
         lines: report.residuals.iter().map(|r| (r.difference_m().0, r.difference_m().1, r.held_out)).collect(),
         pairs: pairs::of(drive, report.residuals),
         path,
+        innovations: innovations_of_ties(drive),
+        cuts: cut::worst(matched, drive, report.residuals),
     }
+}
+
+/// Innovations of the ties' sightings, and whether they were left out in the end.
+fn innovations_of_ties(drive: &DriveSolution) -> Vec<TieInnovation> {
+    let of = |i: &tieline_filter::innovation::Innovation| {
+        let (tie, sighting) = i.sighting?;
+        let (line, visit) = *drive.chosen.of.get(tie)?.first()?;
+        let fate = drive.solution.ties.get(tie)?;
+        let weight = fate.weights.get(sighting).copied().unwrap_or(0.0);
+        Some(TieInnovation {
+            class: drive.lines[line].class_of(|end| visit.is_none_or(|v| end.visit == v)),
+            time_s: i.time_s - drive.clock_shift_s,
+            normalised: *i.normalised.first()?,
+            left_out: fate.why_not.is_some() || weight <= 0.0,
+        })
+    };
+    drive.solution.innovations.iter().filter_map(of).collect()
 }
 
 fn strips(report: &DriveReport<'_>, charts: &DriveCharts) -> Vec<DriveStrip> {
@@ -136,7 +158,7 @@ fn strips(report: &DriveReport<'_>, charts: &DriveCharts) -> Vec<DriveStrip> {
 
 /// Ends of lines and matches of spots that were rejected, by reason.
 fn rejected(report: &DriveReport<'_>) -> BTreeMap<String, u64> {
-    let mut counts = report.matched.ties.rejected.clone();
+    let mut counts = report.drive.ties(report.matched).rejected.clone();
     for reason in report.matched.spots.iter().filter_map(|s| s.rejection) {
         *counts.entry(format!("spot, {}", reason.as_str())).or_default() += 1;
     }

@@ -1,14 +1,15 @@
 //! The page of a drive.
 
 use crate::report::drive::data::{DriveCharts, DriveSummary};
-use crate::report::drive::{calibration, fit, headline, map, ranges, timeline};
+use crate::report::drive::{calibration, cuts, fit, headline, innovation, map, ranges, timeline};
 use crate::report::html::{Align, Table, escape, section};
 use crate::report::number::{count, duration, fixed, signed_mm};
 use crate::report::page::frame;
 use crate::report::section::record;
+use crate::stage::drive::cut::CutPoint;
 
 /// The report of a drive as one HTML page.
-pub(crate) fn render(summary: &DriveSummary, charts: &DriveCharts) -> String {
+pub(crate) fn render(summary: &DriveSummary, charts: &DriveCharts, cut_points: &[Vec<CutPoint>]) -> String {
     let mut shared = summary.shared();
     shared.trajectory = calibration::figures(summary).into_iter().collect();
     let sections: Vec<String> = [
@@ -16,9 +17,10 @@ pub(crate) fn render(summary: &DriveSummary, charts: &DriveCharts) -> String {
         fit::html(summary, charts),
         ranges::bias(summary),
         ranges::fit(summary),
+        cuts::html(charts, cut_points),
         map::html(summary, charts),
         calibration::terms(summary),
-        calibration::innovations(summary),
+        innovation::html(summary, charts),
         strips(summary),
         record::remarks(&shared),
         record::settings(&shared),
@@ -67,7 +69,7 @@ mod tests {
     #[test]
     fn the_page_has_a_section_for_everything_it_is_given() {
         let (summary, charts) = example::drive();
-        let html = render(&summary, &charts);
+        let html = render(&summary, &charts, &[]);
         let ids =
             ["trajectory", "ties", "bias", "ranges", "map", "calibration", "innovations", "strips", "files", "times"];
         for id in ids {
@@ -110,7 +112,7 @@ mod tests {
         summary.files[0].output.clone_from(&evil);
         summary.settings[0].value.clone_from(&evil);
         summary.inputs[0].0 = evil;
-        let html = render(&summary, &charts);
+        let html = render(&summary, &charts, &[]);
         assert!(!html.contains("<script") && html.matches("&lt;script&gt;").count() > 15);
     }
 
@@ -139,7 +141,7 @@ mod tests {
         charts.pairs[1].east_north_m = [f64::NAN; 2];
         charts.pairs[2].range_m = f64::NAN;
         charts.path[3][1] = f64::NAN;
-        let html = render(&summary, &charts);
+        let html = render(&summary, &charts, &[]);
         for text in ["NaN", "inf<", "inf ", "http:", "https:", "//", "<link", "@import", "url(", "<img"] {
             assert!(!html.contains(text), "{text}");
         }
@@ -148,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_drive_of_which_nothing_is_known_has_a_page_too() {
-        let html = render(&DriveSummary::default(), &DriveCharts::default());
+        let html = render(&DriveSummary::default(), &DriveCharts::default(), &[]);
         assert!(html.contains("No surface was seen twice") && !html.contains("NaN"));
     }
 
@@ -205,7 +207,7 @@ mod tests {
         charts.pairs[0].difference_m = (f64::NAN, 0.1);
         let text = serde_json::to_string(&(&summary, &charts)).expect("JSON");
         let (again, charts_again): (DriveSummary, DriveCharts) = serde_json::from_str(&text).expect("the same");
-        assert!(render(&summary, &charts) == render(&again, &charts_again));
+        assert!(render(&summary, &charts, &[]) == render(&again, &charts_again, &[]));
     }
 
     #[test]

@@ -37,9 +37,9 @@ pub struct Spacing {
 }
 
 /// Shares of the states that the smoother holds: for loop ties on turned walls, for all loop ties, and for increments.
-const TURNED_SHARE: f64 = 0.3;
-const LOOP_SHARE: f64 = 0.55;
-const INCREMENT_SHARE: f64 = 0.4;
+const TURNED_SHARE: f64 = 0.25;
+const LOOP_SHARE: f64 = 0.58;
+const INCREMENT_SHARE: f64 = 0.38;
 /// Lines whose ends are further apart in time than this are not made one tie \[s\].
 const MERGED_S: f64 = 0.5;
 
@@ -186,24 +186,42 @@ fn thin(mut candidates: Vec<Candidate>, lines: &[DriveLine], most_live: f64) -> 
         let known = c.part.1.is_none() && !c.is_turned && c.position_sigma_m <= WELL_KNOWN * least_m;
         if known { WELL_KNOWN_SPACING } else { 1.0 }
     };
-    let mut spacing_s = 0.05;
-    loop {
-        let mut kept = Kept::default();
+    let names: BTreeSet<&Kind> = candidates.iter().map(|c| &c.kind).collect();
+    let number: BTreeMap<&Kind, usize> = names.into_iter().enumerate().map(|(k, kind)| (kind, k)).collect();
+    let of_kind: Vec<usize> = candidates.iter().map(|c| number[&c.kind]).collect();
+    let kept_at = |spacing_s: f64| {
+        let mut kept = Kept { by_kind: vec![BTreeMap::new(); number.len()], ..Kept::default() };
         for (i, c) in candidates.iter().enumerate() {
-            kept.take(i, c, spacing_s * widened(c));
+            kept.take(i, of_kind[i], c, spacing_s * widened(c));
         }
-        let spans = || kept.clusters.iter().map(|i| (candidates[i[0]].first_s, candidates[i[0]].last_s));
-        if busiest(spans()) <= most_live || spacing_s > 60.0 {
-            return (kept.parts(&candidates, lines), spacing_s);
+        let live = busiest(kept.clusters.iter().map(|i| (candidates[i[0]].first_s, candidates[i[0]].last_s)));
+        (kept, live)
+    };
+    // the wider apart, the fewer live: halving finds the least of the steps that will do, the widest where none does
+    let (mut low, mut high) = (0, WIDEST);
+    while low < high {
+        let middle = (low + high) / 2;
+        if kept_at(step_s(middle)).1 <= most_live {
+            high = middle;
+        } else {
+            low = middle + 1;
         }
-        spacing_s *= 1.2;
     }
+    (kept_at(step_s(low)).0.parts(&candidates, lines), step_s(low))
+}
+
+/// The last of the steps of spacing: a minute.
+const WIDEST: i32 = 39;
+
+/// Steps of spacing, each a fifth wider than the one before \[s\].
+fn step_s(step: i32) -> f64 {
+    0.05 * 1.2_f64.powi(step)
 }
 
 /// What is kept, by kind in order of the first end's time: clusters of rows of candidates, the first of each its seed.
 #[derive(Default)]
 struct Kept<'a> {
-    by_kind: BTreeMap<&'a Kind, BTreeMap<Moment, usize>>,
+    by_kind: Vec<BTreeMap<Moment, usize>>,
     clusters: Vec<Vec<usize>>,
     seeds: Vec<&'a Candidate>,
 }
@@ -228,8 +246,8 @@ impl Ord for Moment {
 
 impl<'a> Kept<'a> {
     /// Keeps a candidate, or lets it join the seed that is nearest.
-    fn take(&mut self, row: usize, c: &'a Candidate, apart_s: f64) {
-        let of_kind = self.by_kind.entry(&c.kind).or_default();
+    fn take(&mut self, row: usize, kind: usize, c: &'a Candidate, apart_s: f64) {
+        let of_kind = &mut self.by_kind[kind];
         let around = of_kind.range(Moment(c.first_s - apart_s, 0)..Moment(c.first_s + apart_s, usize::MAX));
         let off_s = |cluster: &usize| {
             let seed = self.seeds[*cluster];

@@ -3,6 +3,7 @@
 //! Top down: surface lines of [`crate::stage::ties`] become ties of the smoother ([`ties`], [`choose`]); the smoother estimates the
 //! trajectory and the calibration ([`constants`]) with them; the strips are corrected by the difference.
 
+pub mod again;
 pub mod alike;
 pub mod calibrated;
 pub mod check;
@@ -11,9 +12,13 @@ pub mod combine;
 pub mod constants;
 pub mod correction;
 pub mod curve;
+pub mod cut;
+pub mod decided;
 pub mod known;
 pub mod merge;
+pub mod motion;
 pub mod need;
+mod notes;
 pub mod residuals;
 pub mod spots;
 pub mod stray;
@@ -23,32 +28,37 @@ pub mod variance;
 use std::collections::BTreeSet;
 
 use anyhow::{Context, Result, bail};
-use serde::{Deserialize, Serialize};
 use tieline_filter::time::SECONDS_PER_WEEK;
-use tieline_filter::{CalibrationEstimate, Inputs, Options, Pose, Solution, SurveyClock, Trajectory};
+use tieline_filter::{Inputs, Options, Pose, Solution, SurveyClock, Trajectory};
 use tieline_io::crs::Crs;
 
 use crate::job::{Clock, Matched};
 use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
+use crate::stage::ties::Ties;
+use again::{MeasuredAgain, measure_again};
 use calibrated::Calibrated;
 use choose::{Chosen, choose};
-use constants::{Constants, Term};
+use constants::Constants;
+use correction::DriveCorrection;
+pub use decided::{Decided, Decisions};
 use known::Known;
 use merge::Part;
-use need::{Verdict, judge};
+pub(crate) use notes::notes_of_terms;
 use spots::{PointTie, point_ties};
-use ties::{DriveLine, lines};
-use variance::Factors;
+use ties::{DriveLine, Sighted, sighted};
 
 /// Why a drive without a reference system is refused.
 const NO_CRS: &str = "the reference system of the strips is not known: set project.crs";
 /// Why a drive without the trajectory that its strips were made with is refused.
 const NO_TRAJECTORY: &str = "a drive needs the trajectory that its strips were made with: [trajectory]";
+/// Ties are measured again so often at most, and no more once a smaller share of their pairs changes than this.
+const MOST_MEASURED: usize = 4;
+const SETTLED_SHARE: f64 = 0.02;
 /// Rounds of variance components.
 const MOST_ROUNDS: usize = 3;
 /// Live landmark and clone states in a drive.
-pub const MOST_LIVE: usize = 160;
+pub const MOST_LIVE: usize = 192;
 /// And while the variances of ties are being found, for which fewer do.
 const MOST_LIVE_IN_ROUNDS: usize = 96;
 
@@ -77,9 +87,19 @@ pub struct DriveSolution {
     pub notes: Vec<String>,
     /// What was decided on the way to it.
     pub decisions: Decisions,
+    /// The ties as they were measured again, when they were.
+    pub again: Option<MeasuredAgain>,
+    /// What the patches were moved by to measure them again.
+    pub moved_by: Option<DriveCorrection>,
 }
 
 impl DriveSolution {
+    /// The ties that the lines are of: those measured last.
+    #[must_use]
+    pub fn ties<'a>(&'a self, matched: &'a Matched) -> &'a Ties {
+        self.again.as_ref().map_or(&matched.ties, |again| &again.ties)
+    }
+
     /// What there is to say of the calibration.
     #[must_use]
     pub fn calibrated(&self) -> Calibrated<'_> {
@@ -96,49 +116,6 @@ impl DriveSolution {
     #[must_use]
     pub fn pose_at(&self, time_s: f64) -> Option<Pose> {
         held_pose_at(&self.trajectory, time_s)
-    }
-}
-
-/// What an adjustment decides before its last pass; with these another one goes there at once.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Decisions {
-    /// What the variances of ties turned out to be multiplied by.
-    pub factors: Factors,
-    /// Which terms of the calibration the data ask for.
-    pub verdicts: Vec<Verdict>,
-    /// Lines, by row, and visits that say something else than others of their kind.
-    #[serde(default)]
-    pub strays: BTreeSet<Part>,
-    /// The same as `factors` of spots of pavement.
-    #[serde(default = "one")]
-    pub of_spots: f64,
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-impl Default for Decisions {
-    fn default() -> Self {
-        Self { factors: Factors::default(), verdicts: Vec::new(), strays: BTreeSet::new(), of_spots: one() }
-    }
-}
-
-impl Decisions {
-    /// Judges the terms that were estimated; whether all of them are needed, so that nothing is left to be adjusted again without.
-    pub fn judge(&mut self, constants: &Constants, estimate: &CalibrationEstimate) -> bool {
-        let judged = judge(constants, estimate);
-        let settled = judged.iter().all(|v| v.needed);
-        self.verdicts.retain(|v| !v.needed);
-        self.verdicts.extend(judged);
-        self.verdicts.sort_by_key(|v| (v.scanner, v.term));
-        settled
-    }
-
-    /// Whether a term is in the adjustment.
-    #[must_use]
-    pub fn takes(&self, scanner: usize, term: Term) -> bool {
-        self.verdicts.iter().all(|v| v.needed || (v.scanner, v.term) != (scanner, term))
     }
 }
 
@@ -170,6 +147,8 @@ pub struct Prepared<'a> {
     delivered: &'a Trajectory,
     clock_shift_s: f64,
     options: Options,
+    again: Option<MeasuredAgain>,
+    sighted: Sighted,
     /// Nearest and farthest range of each scanner \[m\].
     pub ranges_m: Vec<(f64, f64)>,
     /// The same with the half per cent at either end left out \[m\].
@@ -210,15 +189,16 @@ impl<'a> Prepared<'a> {
         check::parts(project, matched, measurements, clock_shift_s)?;
         let scanners = matched.strips.scanner_numbers().len();
         let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
-        let seen = clock.time("choose", || lines(matched, crs, &none, clock_shift_s))?;
+        let sighted = clock.time("choose", || sighted(matched, None, crs, &none, clock_shift_s))?;
+        let seen = sighted.delivered();
         if seen.is_empty() {
             bail!(
                 "no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive"
             );
         }
-        let notes = check::mounting(project, &check::beams_of(&seen))?;
-        let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.0)).collect();
-        let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(&seen, s, 0.005)).collect();
+        let notes = check::mounting(project, &check::beams_of(seen))?;
+        let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.0)).collect();
+        let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.005)).collect();
         let mut options = options(project)?;
         options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
         let for_spots = if matched.spots.is_empty() { 0 } else { spots::MOST_LIVE };
@@ -232,16 +212,58 @@ impl<'a> Prepared<'a> {
             delivered,
             clock_shift_s,
             options,
+            again: None,
+            sighted,
             ranges_m,
             inner_ranges_m,
             notes,
         })
     }
 
+    /// Measures the ties again as a correction moves their patches; adjustments after it use these. Gives the share of their pairs that changed against
+    /// the measurement before.
+    ///
+    /// # Errors
+    /// When a place cannot be projected.
+    fn measure_again(&mut self, correction: &DriveCorrection, times: usize, clock: &mut Clock) -> Result<f64> {
+        let none = Constants::new(self.project, self.known, &self.ranges_m, |_, _| false);
+        let mut again = clock.time("ties again", || measure_again(self.matched, self.delivered, &none, correction));
+        let changed = again.changed(self.again.as_ref());
+        again.gain.times = times;
+        self.sighted =
+            clock.time("choose", || sighted(self.matched, Some(&again), self.crs, &none, self.clock_shift_s))?;
+        self.again = Some(again);
+        Ok(changed)
+    }
+
+    /// Lines that say something else than others of their kind, of the ties measured last, by an adjustment.
+    fn strays(&self, adjusted: &Adjusted, trajectory: &Trajectory, decisions: &Decisions) -> BTreeSet<Part> {
+        let mut lines = self.sighted.lines(&adjusted.constants);
+        decisions.factors.apply(&mut lines);
+        stray::find(&lines, &adjusted.solution.calibration.value, trajectory, self.clock_shift_s)
+    }
+
+    /// The trajectory of an adjustment in the map, on the clock of the strips.
+    fn trajectory(&self, adjusted: &Adjusted) -> Result<Trajectory> {
+        let geodetic = adjusted.solution.trajectory(&adjusted.inputs, 0.0)?;
+        Ok(self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s))
+    }
+
     /// Numbers of the scanners as they stand in the files, in order.
     #[must_use]
     pub fn scanner_numbers(&self) -> &[u16] {
         self.matched.strips.scanner_numbers()
+    }
+
+    /// Adjusts until all terms that are left are needed: all terms first; then with the sigmas that ties turn out to have, and without terms that
+    /// the data do not ask for.
+    fn settle(&self, decisions: &mut Decisions, rounds: &mut usize, clock: &mut Clock) -> Result<Adjusted> {
+        loop {
+            let adjusted = self.adjust(&self.ranges_m, decisions, rounds, clock)?;
+            if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
+                return Ok(adjusted);
+            }
+        }
     }
 
     /// Adjusts with the terms that are decided for, range splines over `ranges_m`, until the factors of the variances settle; `rounds` counts
@@ -259,7 +281,7 @@ impl<'a> Prepared<'a> {
         let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
         let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
         // as measured: of the rounds only the variances differ
-        let measured = clock.time("choose", || lines(self.matched, self.crs, &constants, self.clock_shift_s))?;
+        let measured = clock.time("choose", || self.sighted.lines(&constants));
         let once = |decisions: &Decisions, most_live: usize, clock: &mut Clock| {
             let (lines, chosen) = clock.time("choose", || {
                 let mut lines = measured.clone();
@@ -295,8 +317,8 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Estimates trajectory and calibration of a drive, beyond what is known of its scanners. What was decided before is taken as it is,
-/// else it is found here.
+/// Estimates trajectory and calibration of a drive, beyond what is known of its scanners; with ties as `match` found them first, then with those
+/// measured again on the cloud that this corrects, until these hardly change. What was decided before is taken as it is, else it is found here.
 ///
 /// # Errors
 /// When a part is missing, or the smoother fails.
@@ -305,21 +327,46 @@ pub fn solve(
     matched: &Matched,
     measurements: &Measurements,
     known: &[Known],
-    decided: Option<&Decisions>,
+    decided: Option<&Decided>,
     memory_bytes: u64,
     clock: &mut Clock,
 ) -> Result<DriveSolution> {
-    let drive = Prepared::new(project, matched, measurements, known, memory_bytes, clock)?;
-    let mut decisions = decided.cloned().unwrap_or_default();
+    let mut drive = Prepared::new(project, matched, measurements, known, memory_bytes, clock)?;
+    let mut decisions = decided.map(|d| d.decisions.clone()).unwrap_or_default();
     let mut rounds = if decided.is_some() { MOST_ROUNDS } else { 0 };
-    // all terms first; then with the sigmas that ties turn out to have, and without terms that the data do not ask for
-    let Adjusted { constants, solution, inputs, lines, chosen, points } = loop {
-        let adjusted = drive.adjust(&drive.ranges_m, &mut decisions, &mut rounds, clock)?;
-        if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
-            break adjusted;
+    let is_again = project.matching.measure_again.unwrap_or(true);
+    let mut moved_by = decided.and_then(|d| d.moved_by.clone()).filter(|_| is_again);
+    if moved_by.is_none() && decisions.measured > 0 {
+        // rows of other lines than those to begin with
+        decisions.strays.clear();
+        decisions.measured = 0;
+    }
+    let adjusted = if let Some(correction) = &moved_by {
+        drive.measure_again(correction, decisions.measured, clock)?;
+        drive.settle(&mut decisions, &mut rounds, clock)?
+    } else {
+        let mut adjusted = drive.settle(&mut decisions, &mut rounds, clock)?;
+        for _ in 0..if is_again { MOST_MEASURED } else { 0 } {
+            let trajectory = drive.trajectory(&adjusted)?;
+            let values = &adjusted.solution.calibration.value;
+            let correction = DriveCorrection::new(&adjusted.constants, values, trajectory.clone());
+            decisions.measured += 1;
+            let changed = drive.measure_again(&correction, decisions.measured, clock)?;
+            decisions.strays = clock.time("choose", || drive.strays(&adjusted, &trajectory, &decisions));
+            moved_by = Some(correction);
+            // of other ties sigmas may be others
+            rounds = if changed > SETTLED_SHARE { MOST_ROUNDS - 1 } else { MOST_ROUNDS };
+            adjusted = drive.settle(&mut decisions, &mut rounds, clock)?;
+            if changed <= SETTLED_SHARE {
+                break;
+            }
         }
+        adjusted
     };
-    let mut notes = notes_of(&chosen, &solution, &decisions.verdicts);
+    let trajectory = drive.trajectory(&adjusted)?;
+    let Adjusted { constants, solution, inputs, lines, chosen, points } = adjusted;
+    let mut notes = notes::notes_of(&chosen, &solution, &decisions.verdicts);
+    notes.extend(drive.again.as_ref().map(|again| again.gain.note()));
     notes.extend(decisions.factors.note());
     if !points.1.is_empty() {
         notes.push(format!(
@@ -333,8 +380,6 @@ pub fn solve(
     notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
     notes.extend(drive.notes);
     notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
-    let geodetic = solution.trajectory(&inputs, 0.0)?;
-    let trajectory = drive.crs.to_map(&geodetic)?.shifted_in_time(-drive.clock_shift_s);
     Ok(DriveSolution {
         solution,
         inputs,
@@ -347,45 +392,9 @@ pub fn solve(
         ranges_m: drive.inner_ranges_m,
         notes,
         decisions,
+        again: drive.again,
+        moved_by,
     })
-}
-
-/// What there is to say of the choice of ties and of the terms.
-fn notes_of(chosen: &Chosen, solution: &Solution, verdicts: &[Verdict]) -> Vec<String> {
-    let mut notes = vec![format!(
-        "{} ties for the smoother, made of {} surface lines: of like loop ties one every {:.2} s ({:.2} s on walls seen from another side), of like \
-         increments one every {:.2} s",
-        chosen.ties.len(),
-        chosen.of.iter().map(Vec::len).sum::<usize>(),
-        chosen.spacing_s.loop_s,
-        chosen.spacing_s.turned_s,
-        chosen.spacing_s.increment_s
-    )];
-    let left_out = solution.ties.iter().filter(|t| t.why_not == Some("innovation")).count();
-    if left_out > 0 {
-        notes.push(format!("{left_out} ties do not fit all the others and were left out"));
-    }
-    notes.extend(notes_of_terms(verdicts));
-    notes
-}
-
-/// What there is to say of terms.
-pub(crate) fn notes_of_terms(verdicts: &[Verdict]) -> Vec<String> {
-    let mut notes = Vec::new();
-    for v in verdicts {
-        let (scanner, term) = (v.scanner, v.term.as_str());
-        if !v.needed {
-            notes.push(format!("scanner {scanner}, {term}: the data do not ask for it; fixed at its nominal value"));
-        } else if v.term == Term::Range {
-            notes.push(format!("scanner {scanner}, {term}: a common constant cannot be told from heights and lever arms; it is held near nothing"));
-        } else if v.not_seen > 0 {
-            notes.push(format!(
-                "scanner {scanner}, {term}: {} directions are not seen and kept near nominal",
-                v.not_seen
-            ));
-        }
-    }
-    notes
 }
 
 /// Nearest and farthest range of a scanner's ends \[m\], a share at either end left out.

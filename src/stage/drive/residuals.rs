@@ -53,7 +53,7 @@ pub fn residuals(drive: &DriveSolution, matched: &Matched) -> Vec<Residual> {
 }
 
 /// A feature in the map \[m\].
-fn place(pose: &Pose, body_vector_m: &Vector3<f64>) -> Option<Vector3<f64>> {
+pub(super) fn place(pose: &Pose, body_vector_m: &Vector3<f64>) -> Option<Vector3<f64>> {
     Some(pose.position + pose.map_from_ned * (pose.ned_from_body * body_vector_m))
 }
 

@@ -11,7 +11,9 @@ use tieline_filter::{FilterTie, Pose, Sighting, TieKind, Trajectory};
 use tieline_io::crs::Crs;
 use tieline_matching::{Patch, measure};
 
+use super::again::MeasuredAgain;
 use super::constants::{Beam, Constants, Spread};
+use super::motion::Motion;
 use crate::job::Matched;
 use crate::project::SurfaceWord;
 
@@ -100,21 +102,65 @@ impl DriveLine {
     }
 }
 
+/// Lines as they were seen, whatever constants are estimated.
+#[derive(Debug)]
+pub struct Sighted {
+    /// With body vectors as the strips have them, and no derivatives.
+    lines: Vec<DriveLine>,
+    /// Of each end of each line.
+    beams: Vec<Vec<Beam>>,
+}
+
+impl Sighted {
+    /// The lines for the smoother: what is known of the scanners in their body vectors, and what these change by with each constant.
+    #[must_use]
+    pub fn lines(&self, constants: &Constants) -> Vec<DriveLine> {
+        let mut lines = self.lines.clone();
+        for (line, beams) in lines.iter_mut().zip(&self.beams) {
+            for (end, delivered) in line.ends.iter_mut().zip(beams) {
+                let beam = constants.known_applied(delivered);
+                end.sighting.body_vector_m = beam.body_vector_m;
+                end.sighting.by_constant = constants.derivatives(&beam);
+            }
+        }
+        lines
+    }
+
+    /// Without anything known.
+    #[must_use]
+    pub fn delivered(&self) -> &[DriveLine] {
+        &self.lines
+    }
+}
+
 /// Lines of the survey with their ends as seen from the trajectory that the strips were made with; `clock_shift_s` leads from
-/// the strips' clock to the smoother's.
+/// the strips' clock to the smoother's. Lines that were measured again have their features where the corrected cloud has them, taken back along
+/// the motion of each patch: of either trajectory nothing is left in a body vector.
 ///
 /// # Errors
 /// When a place cannot be projected.
-pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s: f64) -> Result<Vec<DriveLine>> {
+pub fn sighted(
+    matched: &Matched,
+    again: Option<&MeasuredAgain>,
+    crs: &Crs,
+    constants: &Constants,
+    clock_shift_s: f64,
+) -> Result<Sighted> {
     let trajectory = matched.poses.shared().context("a drive needs its trajectory: [trajectory]")?;
     let origin_m = matched.survey.origin();
-    let mut lines = Vec::new();
-    for (row, held_out) in matched.ties.selected.iter().zip(&matched.ties.held_out) {
-        let used: Vec<(usize, &Patch)> = matched.ties.lines[*row].used().collect();
-        let patches: Vec<&Patch> = used.iter().map(|(_, p)| *p).collect();
-        let Some(measured) = measure(&patches, matched.sigma_floor_m) else { continue };
+    let ties = again.map_or(&matched.ties, |a| &a.ties);
+    let (mut lines, mut beams) = (Vec::new(), Vec::new());
+    for (row, held_out) in ties.selected.iter().zip(&ties.held_out) {
+        let used: Vec<(usize, &Patch)> = ties.lines[*row].used().collect();
+        let motions: Option<Vec<&Motion>> = again.map(|a| used.iter().map(|(n, _)| &a.motions[*row][*n]).collect());
+        let patches: Vec<Patch> = match &motions {
+            Some(motions) => used.iter().zip(motions).map(|((_, p), motion)| motion.patch(p)).collect(),
+            None => used.iter().map(|(_, p)| (*p).clone()).collect(),
+        };
+        let Some(measured) = measure(&patches.iter().collect::<Vec<_>>(), matched.sigma_floor_m) else { continue };
         let seen = used.iter().enumerate().filter_map(|(k, (number, patch))| {
-            let feature_m = measured.point_m + measured.normal * measured.offsets[k].0 + origin_m;
+            let feature_m = measured.point_m + measured.normal * measured.offsets[k].0;
+            let feature_m = origin_m + motions.as_ref().map_or(feature_m, |m| m[k].back(&feature_m));
             let (pose, beam) = beam_of(trajectory, constants, patch, &(patch.centroid_m + origin_m), &feature_m)?;
             Some((*number, *patch, measured.offsets[k].1, pose, beam))
         });
@@ -126,9 +172,9 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
             && measured.normal.dot(&(measured.point_m + origin_m - pose.position)) > 0.0;
         let normal_map = if away { -measured.normal } else { measured.normal };
         let mut ends: Vec<End> = Vec::new();
+        let mut of_line = Vec::new();
         for (number, patch, sigma_m, seen_from, delivered) in seen {
             let time_s = seen_from.time_s;
-            let beam = constants.known_applied(&delivered);
             let visit = ends
                 .last()
                 .map_or(0, |e| e.visit + usize::from(time_s + clock_shift_s - e.sighting.time_s > VISIT_GAP_S));
@@ -136,21 +182,23 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
                 number,
                 strip: patch.sighting.strip,
                 scanner: patch.sighting.scanner,
-                range_m: constants.range_m(beam.scanner, &delivered.body_vector_m),
+                range_m: constants.range_m(delivered.scanner, &delivered.body_vector_m),
                 visit,
                 delivered_m: delivered.body_vector_m,
                 normal_body: direction_body(&seen_from, &normal_map),
                 position_sigma_m: trajectory.sigma_at(time_s).map_or(0.0, |s| s.position_ned_m.norm()),
                 sighting: Sighting {
                     time_s: time_s + clock_shift_s,
-                    body_vector_m: beam.body_vector_m,
+                    body_vector_m: delivered.body_vector_m,
                     covariance_m2: Matrix3::from_diagonal_element(sigma_m.powi(2)),
-                    by_constant: constants.derivatives(&beam),
+                    by_constant: Vec::new(),
                 },
             });
+            of_line.push(delivered);
         }
         let geodetic = crs.geodetic_from_map(&pose.position)?;
         let normal_ned = pose.ned_vector_m(&(pose.position + normal_map)).normalize();
+        beams.push(of_line);
         lines.push(DriveLine {
             row: *row,
             direction: ned_from_ecef(geodetic.x, geodetic.y).transpose() * normal_ned,
@@ -161,7 +209,7 @@ pub fn lines(matched: &Matched, crs: &Crs, constants: &Constants, clock_shift_s:
             held_out: *held_out,
         });
     }
-    Ok(lines)
+    Ok(Sighted { lines, beams })
 }
 
 /// A unit vector of the map in body axes.
@@ -170,7 +218,7 @@ pub(super) fn direction_body(pose: &Pose, direction_map: &Vector3<f64>) -> Vecto
 }
 
 /// How an end was seen: pose and beam at the moment when its feature was measured, which is where its plane meets the common normal.
-fn beam_of(
+pub(super) fn beam_of(
     trajectory: &Trajectory,
     constants: &Constants,
     patch: &Patch,

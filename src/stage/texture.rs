@@ -144,16 +144,10 @@ pub fn spots(points: &TexturePoints, trajectory: &Trajectory) -> Result<(Vec<Spo
     };
     let mut ties = find_spots(points, &search_m, most_search_m, &TextureOptions::default())
         .context("a temporary file of pavement cannot be read back")?;
-    let factors = judge(&mut ties, &JudgeOptions::default());
+    judge(&mut ties, &JudgeOptions::default());
     keep_pictures(&mut ties);
     let used = ties.iter().filter(|t| t.rejection.is_none()).count();
-    let note = format!(
-        "texture of pavement: {used} of {} matches of spots are ties; sigmas as they turned out between neighbours over as computed: {:.2} in plan, {:.2} \
-         in height",
-        ties.len(),
-        factors[0].sqrt(),
-        factors[1].sqrt()
-    );
+    let note = format!("texture of pavement: {used} of {} matches of spots are ties", ties.len());
     Ok((ties, note))
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::keep::TexturePoint;
+use super::plan::Plan;
 
 /// Edge of the squares whose lowest point stands for the ground \[m\].
 const SQUARE_M: f64 = 0.25;
@@ -86,10 +87,10 @@ fn fitted(rows: &[(Vector3<f64>, f64)]) -> Option<(Vector3<f64>, f64, Matrix3<f6
 }
 
 /// The ground at a place.
-pub(super) fn foot(points: &[TexturePoint], place_m: [f64; 2], floor_m: f64) -> Option<Foot> {
+pub(super) fn foot(points: &[TexturePoint], plan: &Plan, place_m: [f64; 2], floor_m: f64) -> Option<Foot> {
     let (mut heights, mut times) = (Vec::new(), Vec::new());
     let mut first_s = None;
-    for p in points {
+    for p in plan.about(place_m, RADIUS_M).map(|k| &points[k]) {
         let off = [0, 1].map(|k| f64::from(p.place_m[k]) - place_m[k]);
         if off[0].hypot(off[1]) <= RADIUS_M {
             let row = Vector3::new(1.0, off[0], off[1]);

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::tie::{SpotRejection, SpotTie};
 use crate::block::SourceKey;
 
@@ -28,8 +26,6 @@ impl Default for JudgeOptions {
 const MOST: usize = 12;
 /// Sigmas of a difference that is chance.
 const SIGMAS: f64 = 4.0;
-/// Ties that a variance factor is estimated from at least.
-const ENOUGH: usize = 30;
 
 /// Ties of the same two strips, or of the same two scanners in one strip, in order of time; each with +1, or -1 where its ends stand the other way
 /// round.
@@ -50,9 +46,8 @@ fn times_s(ties: &[SpotTie], (row, sign): (usize, f64)) -> [f64; 2] {
     if sign > 0.0 { [a, b] } else { [b, a] }
 }
 
-/// Gives ties that their neighbours do not bear out a reason, and all of them the sigmas that they turn out to have against their neighbours: factors of
-/// the variances in plan and in height, which are returned.
-pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) -> [f64; 2] {
+/// Gives ties that their neighbours do not bear out a reason.
+pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) {
     let mut groups: BTreeMap<_, Group> = BTreeMap::new();
     for (k, tie) in ties.iter().enumerate().filter(|(_, t)| t.rejection.is_none()) {
         let (what, forward) = bound(tie);
@@ -69,13 +64,6 @@ pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) -> [f64; 2] {
             group.retain(|(k, _)| ties[*k].rejection.is_none());
         }
     }
-    let factors = factors(ties, groups.values(), options);
-    let scale = Vector3::new(factors[0].sqrt(), factors[0].sqrt(), factors[1].sqrt());
-    let scale = Matrix3::from_diagonal(&scale);
-    for tie in ties.iter_mut() {
-        tie.covariance_m2 = scale * tie.covariance_m2 * scale;
-    }
-    factors
 }
 
 /// The nearest others of a group in both times.
@@ -111,47 +99,4 @@ fn verdict(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions) ->
         (sign * tie.shift_m()[axis] - median).abs() > SIGMAS * sigma_m + options.drift_m
     });
     differs.then_some(SpotRejection::Neighbours)
-}
-
-/// Factors of the variances in plan and height: squares of differences from neighbours' weighted means, over what is due.
-fn factors<'a>(ties: &[SpotTie], groups: impl Iterator<Item = &'a Group>, options: &JudgeOptions) -> [f64; 2] {
-    /// Degrees of freedom of a difference in plan and in height.
-    const DUE: [f64; 2] = [2.0, 1.0];
-    /// No single difference counts as more than one of five sigmas.
-    const MOST: f64 = 25.0;
-    const BELIEVED: std::ops::RangeInclusive<f64> = 0.04..=25.0;
-    let mut squares: [Vec<f64>; 2] = Default::default();
-    for group in groups {
-        for k in 0..group.len() {
-            let near = neighbours(ties, group, k, options);
-            if near.len() < options.fewest {
-                continue;
-            }
-            let tie = &ties[group[k].0];
-            let weight =
-                |(r, _): &(usize, f64)| 1.0 / ties[*r].covariance_m2.fixed_view::<2, 2>(0, 0).trace().max(1e-12);
-            let all: f64 = near.iter().map(weight).sum();
-            let (mut mean, mut covariance) = (Vector3::zeros(), tie.covariance_m2);
-            for r in &near {
-                let share = weight(r) / all;
-                mean += ties[r.0].shift_m() * (share * r.1);
-                covariance += ties[r.0].covariance_m2 * share.powi(2);
-            }
-            let off = tie.shift_m() * group[k].1 - mean;
-            let plan = covariance.fixed_view::<2, 2>(0, 0).into_owned();
-            if let Some(inverse) = plan.try_inverse() {
-                squares[0].push(off.xy().dot(&(inverse * off.xy())));
-                squares[1].push(off.z.powi(2) / covariance[(2, 2)].max(1e-12));
-            }
-        }
-    }
-    std::array::from_fn(|k| {
-        let values = &mut squares[k];
-        if values.len() < ENOUGH {
-            return 1.0;
-        }
-        #[allow(clippy::cast_precision_loss)]
-        let mean = values.iter().map(|v| v.min(MOST)).sum::<f64>() / values.len() as f64;
-        (mean / DUE[k]).clamp(*BELIEVED.start(), *BELIEVED.end())
-    })
 }

@@ -9,8 +9,10 @@ mod correlate;
 mod ground;
 mod judge;
 mod keep;
+mod plan;
 mod raster;
 mod refine;
+mod sampling;
 mod spot;
 mod tie;
 mod view;
@@ -57,7 +59,7 @@ impl Default for TextureOptions {
             most_alike: 0.8,
             rival_m: 0.25,
             repetition_m: 1.3,
-            most_sigma_m: 0.012,
+            most_sigma_m: 0.014,
             height_floor_m: 0.0003,
         }
     }

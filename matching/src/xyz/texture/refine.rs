@@ -9,6 +9,7 @@
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 use super::raster::Raster;
+use super::sampling::EdgeCell;
 
 /// Most rounds.
 const ROUNDS: usize = 20;
@@ -16,16 +17,24 @@ const ROUNDS: usize = 20;
 const GAIN: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// A shift.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Refined {
     /// From the place in the first raster to that in the second \[m\].
     pub(super) shift_m: Vector2<f64>,
+    /// By what the residuals show.
     pub(super) covariance_m2: Matrix2<f64>,
+    /// Inverse of the curvature \[cell²\].
+    pub(super) inverse: Matrix2<f64>,
+    /// The cells that were compared.
+    pub(super) cells: Vec<EdgeCell>,
     pub(super) correlation: f64,
 }
 
 /// One cell of the window at the present shift.
 struct Row {
+    /// Column and row within the window.
+    at: [usize; 2],
+    place_m: Vector2<f64>,
     a: f64,
     b: f64,
     /// Gradient \[1/cell\].
@@ -60,7 +69,9 @@ fn rows(
             if (value + ga[0] + ga[1]).is_finite() {
                 // of both rasters: the noise of one does not pretend curvature
                 let g = Vector2::new(gb[0] + gain * ga[0], gb[1] + gain * ga[1]) * 0.5;
-                rows.push(Row { a: value, b: vb, g });
+                let at = [dx, dy].map(|v| (v + half) as usize);
+                let place_m = Vector2::from(a.place_m(x as usize, y as usize));
+                rows.push(Row { at, place_m, a: value, b: vb, g });
             }
         }
     }
@@ -120,11 +131,13 @@ fn judged(
     // gradients without what a gain and an offset take up
     let (by_gain, by_offset) = (ga / aa, g1 / count);
     let (mut n, mut scattered) = (Matrix2::zeros(), Matrix2::zeros());
+    let mut cells = Vec::with_capacity(rows.len());
     for r in rows {
         let g = r.g - by_offset - by_gain * (r.a - ma);
         let off = r.b - gain * r.a - offset;
         n += g * g.transpose();
         scattered += g * g.transpose() * (off * off);
+        cells.push(EdgeCell { at: r.at, place_m: r.place_m, gradient: g });
     }
     let inverse = n.try_inverse()?;
     let alike = 4.0 * std::f64::consts::PI * (smoothing_m / cell_m).powi(2);
@@ -133,6 +146,8 @@ fn judged(
     Some(Refined {
         shift_m: shift * cell_m,
         covariance_m2: (covariance + covariance.transpose()) * 0.5,
+        inverse,
+        cells,
         correlation: ab / (aa * bb).sqrt(),
     })
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::TextureOptions;
@@ -11,6 +11,7 @@ use super::ground::foot;
 use super::keep::{TILE_M, TexturePoints, Tile};
 use super::raster::Raster;
 use super::refine::{Refined, refine};
+use super::sampling::Edges;
 use super::tie::{Picture, SpotEnd, SpotRejection, SpotTie};
 use super::view::{View, views};
 use crate::block::SourceKey;
@@ -93,11 +94,11 @@ fn of_tile(
     let mut spot = 0;
     for (k, view) in views.iter().enumerate().take(views.len().saturating_sub(1)) {
         for place_m in candidates(view, &mut taken, options) {
-            let repeated = is_repeated(&view.raster, place_m, options);
+            let repeats_m = repeats_m(&view.raster, place_m, options);
             let of_spot: Vec<SpotTie> = views[k + 1..]
                 .iter()
                 .filter_map(|other| {
-                    let tied = Matching { first: view, second: other, tile, repeated, options };
+                    let tied = Matching { first: view, second: other, tile, repeats_m, options };
                     tied.spot(place_m, spot, search_m, most_search_m)
                 })
                 .collect();
@@ -169,15 +170,15 @@ fn half_cells(raster: &Raster, options: &TextureOptions) -> usize {
     (0.5 * options.window_m / raster.cell_m).round() as usize
 }
 
-/// Whether the window about a place looks like what lies beside it.
+/// How near to a place its window is to be seen again \[m\]; infinite where it is not.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn is_repeated(raster: &Raster, place_m: [f64; 2], options: &TextureOptions) -> bool {
-    let Some(cell) = raster.cell_at(place_m) else { return false };
+fn repeats_m(raster: &Raster, place_m: [f64; 2], options: &TextureOptions) -> f64 {
+    let Some(cell) = raster.cell_at(place_m) else { return f64::INFINITY };
     let reach = (options.repetition_m / raster.cell_m).round() as usize;
     let peaks = correlate(raster, cell, raster, half_cells(raster, options), (reach, 2)).peaks();
-    peaks.iter().any(|(value, shift)| {
-        f64::from(*value) > options.most_alike && apart_m(*shift, [0, 0], raster) >= options.rival_m
-    })
+    let alike = peaks.iter().filter(|(value, _)| f64::from(*value) > options.most_alike);
+    let apart_m = alike.map(|(_, shift)| apart_m(*shift, [0, 0], raster)).filter(|m| *m >= options.rival_m);
+    apart_m.fold(f64::INFINITY, f64::min)
 }
 
 /// Distance of two shifts \[m\].
@@ -191,8 +192,8 @@ struct Matching<'a> {
     first: &'a View,
     second: &'a View,
     tile: Tile,
-    /// Whether the window looks like what lies beside it.
-    repeated: bool,
+    /// How near to it the window is to be seen again \[m\].
+    repeats_m: f64,
     options: &'a TextureOptions,
 }
 
@@ -213,18 +214,20 @@ impl Matching<'_> {
         let half = half_cells(a, self.options);
         let place_m = a.place_m(cell.0, cell.1);
         let here = |rejection| self.untied(spot, place_m, rejection);
-        let Some(own) = foot(&self.first.points, place_m, self.options.height_floor_m) else {
+        let Some(own) = foot(&self.first.points, &self.first.plan, place_m, self.options.height_floor_m) else {
             return Some(here(SpotRejection::NoPlane));
         };
         if !is_supported(a, cell, half) {
             return Some(here(SpotRejection::Support));
         }
-        if self.repeated {
-            return Some(here(SpotRejection::Repeated));
-        }
-        let other_s = foot(&self.second.points, place_m, self.options.height_floor_m).map(|f| f.time_s);
+        let other_s = foot(&self.second.points, &self.second.plan, place_m, self.options.height_floor_m).map(|f| f.time_s);
         let Some(other_s) = other_s else { return Some(here(SpotRejection::NoPlane)) };
         let search_m = search_m(own.time_s, other_s).min(most_search_m);
+        // where both the right place and a like one lie within the search they are no further apart than this
+        let confused_m = 2.0 * search_m;
+        if self.repeats_m <= confused_m {
+            return Some(here(SpotRejection::Repeated));
+        }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let reach = (search_m / a.cell_m).ceil() as usize;
         let surface = correlate(a, cell, b, half, (reach, 1));
@@ -238,24 +241,25 @@ impl Matching<'_> {
             }
         };
         let refined = refine(a, cell, b, half, shift);
-        let at = refined.map_or(shift.map(|v| v as f64), |r| [r.shift_m.x / a.cell_m, r.shift_m.y / a.cell_m]);
+        let at = refined.as_ref().map_or(shift.map(|v| v as f64), |r| [r.shift_m.x / a.cell_m, r.shift_m.y / a.cell_m]);
         let picture = Some(self.picture(cell, at, half, &surface));
         let Some(refined) = refined else {
             return Some(SpotTie { picture, second, ..here(SpotRejection::NotConverged) });
         };
+        let of_shift_m2 = self.covariance_m2(&refined);
         let there_m = [place_m[0] + refined.shift_m.x, place_m[1] + refined.shift_m.y];
-        let Some(other) = foot(&self.second.points, there_m, self.options.height_floor_m) else {
+        let Some(other) = foot(&self.second.points, &self.second.plan, there_m, self.options.height_floor_m) else {
             return Some(SpotTie { picture, second, ..here(SpotRejection::NoPlane) });
         };
         // an error along the plane moves the place along it; beside it the heights have errors of their own
         let slope = [0, 1].map(|k| 0.5 * (own.slope[k] + other.slope[k]));
         let along = Matrix3x2::new(1.0, 0.0, 0.0, 1.0, slope[0], slope[1]);
-        let mut covariance_m2 = along * refined.covariance_m2 * along.transpose();
+        let mut covariance_m2 = along * of_shift_m2 * along.transpose();
         covariance_m2[(2, 2)] += own.sigma_m.powi(2) + other.sigma_m.powi(2);
         // a thing at the end of a row in one sighting may be one within the row in the other
-        let rejection = if is_repeated(b, there_m, self.options) {
+        let rejection = if repeats_m(b, there_m, self.options) <= confused_m {
             Some(SpotRejection::Repeated)
-        } else if largest_sigma_m(&refined.covariance_m2) > self.options.most_sigma_m {
+        } else if largest_sigma_m(&of_shift_m2) > self.options.most_sigma_m {
             Some(SpotRejection::Imprecise)
         } else {
             self.comes_back(cell, half, shift, &refined)
@@ -269,6 +273,15 @@ impl Matching<'_> {
             rejection,
             picture,
         })
+    }
+
+    /// Covariance of a shift: of what the residuals show, and of where the points of either sighting happen to be \[m²\].
+    fn covariance_m2(&self, refined: &Refined) -> Matrix2<f64> {
+        let edges = Edges::new(&refined.cells);
+        let scatter = edges.scatter(&self.first.points, &self.first.plan, &Vector2::zeros())
+            + edges.scatter(&self.second.points, &self.second.plan, &refined.shift_m);
+        let of_places = refined.inverse * scatter * refined.inverse;
+        refined.covariance_m2 + (of_places + of_places.transpose()) * 0.5
     }
 
     /// The highest peak and the correlation of the second, or why there is none, with the shift where there was a peak.
@@ -335,7 +348,7 @@ impl Matching<'_> {
     fn untied(&self, spot: u32, place_m: [f64; 2], rejection: SpotRejection) -> SpotTie {
         let none = super::ground::Foot { height_m: 0.0, slope: [0.0; 2], sigma_m: 0.0, time_s: 0.0, points: 0 };
         let end = |view: &View| {
-            let foot = foot(&view.points, place_m, self.options.height_floor_m).unwrap_or(none);
+            let foot = foot(&view.points, &view.plan, place_m, self.options.height_floor_m).unwrap_or(none);
             self.end(place_m, &foot, view.source)
         };
         SpotTie {

@@ -4,6 +4,7 @@ use super::TextureOptions;
 use super::brightness::NormalLevels;
 use super::ground::ground_only;
 use super::keep::{TILE_M, TexturePoint, TexturePoints, Tile};
+use super::plan::Plan;
 use super::raster::Raster;
 use crate::block::SourceKey;
 
@@ -16,6 +17,7 @@ pub(super) struct View {
     pub(super) source: SourceKey,
     /// Places from the tile's corner, in order of time.
     pub(super) points: Vec<TexturePoint>,
+    pub(super) plan: Plan,
     pub(super) raster: Raster,
     /// Standard deviation of the brightness of a point.
     pub(super) noise: f64,
@@ -53,7 +55,8 @@ pub(super) fn views(
         let values: Vec<f64> = points.iter().map(value).collect();
         let place = |p: &TexturePoint| [0, 1].map(|k| f64::from(p.place_m[k]));
         let raster = Raster::new(points.iter().map(place).zip(values.iter().copied()), square, smoothing_m);
-        View { source: points[0].source, raster, noise: noise(&values), density_m2, points }
+        let plan = Plan::new(&points, -margin_m, TILE_M + 2.0 * margin_m);
+        View { source: points[0].source, plan, raster, noise: noise(&values), density_m2, points }
     };
     Ok(sightings.into_iter().map(view).collect())
 }

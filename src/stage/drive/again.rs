@@ -285,22 +285,8 @@ fn holds(line: &SurfaceLine, ends: &[RowEnd], parts: &[Part], matched: &Matched)
 
 #[cfg(test)]
 mod tests {
+    use super::super::motion::tests::patch;
     use super::*;
-
-    fn patch(strip: u32, time_s: f64, centroid_m: [f64; 3]) -> Patch {
-        let normal = Vector3::new(0.1, -0.05, 1.0).normalize();
-        Patch {
-            sighting: Sighting { strip, pass: 0, scanner: 0 },
-            time_s,
-            centroid_m: Vector3::from(centroid_m),
-            normal,
-            long_axis: normal.cross(&Vector3::x()).normalize(),
-            spread_m: [0.29, 0.14],
-            roughness_m: 0.005,
-            points: 40,
-            intensity: 0.0,
-        }
-    }
 
     #[test]
     fn visits_of_a_tile_are_told_apart_by_time_whatever_their_cells_counted() {

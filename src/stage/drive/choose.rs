@@ -317,6 +317,7 @@ mod tests {
                 position_sigma_m: 0.01,
                 delivered_m: body_m,
                 normal_body: Vector3::new(cos, sin, 0.0),
+                measured_variance_m2: 1e-6,
                 sighting: Sighting {
                     time_s: 100.0 * visit as f64,
                     body_vector_m: body_m,

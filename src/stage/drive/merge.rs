@@ -209,6 +209,7 @@ mod tests {
                 position_sigma_m: 0.01,
                 delivered_m: body_vector_m,
                 normal_body: normal,
+                measured_variance_m2: variance_m2,
                 sighting: Sighting {
                     time_s,
                     body_vector_m,

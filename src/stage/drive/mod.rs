@@ -25,8 +25,6 @@ pub mod stray;
 pub mod ties;
 pub mod variance;
 
-use std::collections::BTreeSet;
-
 use anyhow::{Context, Result, bail};
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{Inputs, Options, Pose, Solution, SurveyClock, Trajectory};
@@ -43,10 +41,9 @@ use constants::Constants;
 use correction::DriveCorrection;
 pub use decided::{Decided, Decisions};
 use known::Known;
-use merge::Part;
 pub(crate) use notes::notes_of_terms;
 use spots::{PointTie, point_ties};
-use ties::{DriveLine, Sighted, sighted};
+use ties::{DriveLine, Sighted, range_span, sighted};
 
 /// Why a drive without a reference system is refused.
 const NO_CRS: &str = "the reference system of the strips is not known: set project.crs";
@@ -236,16 +233,9 @@ impl<'a> Prepared<'a> {
         Ok(changed)
     }
 
-    /// Lines that say something else than others of their kind, of the ties measured last, by an adjustment.
-    fn strays(&self, adjusted: &Adjusted, trajectory: &Trajectory, decisions: &Decisions) -> BTreeSet<Part> {
-        let mut lines = self.sighted.lines(&adjusted.constants);
-        decisions.factors.apply(&mut lines);
-        stray::find(&lines, &adjusted.solution.calibration.value, trajectory, self.clock_shift_s)
-    }
-
-    /// The trajectory of an adjustment in the map, on the clock of the strips.
-    fn trajectory(&self, adjusted: &Adjusted) -> Result<Trajectory> {
-        let geodetic = adjusted.solution.trajectory(&adjusted.inputs, 0.0)?;
+    /// A solution's trajectory in the map, on the clock of the strips.
+    fn trajectory(&self, solution: &Solution, inputs: &Inputs) -> Result<Trajectory> {
+        let geodetic = solution.trajectory(inputs, 0.0)?;
         Ok(self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s))
     }
 
@@ -256,10 +246,19 @@ impl<'a> Prepared<'a> {
     }
 
     /// Adjusts until all terms that are left are needed: all terms first; then with the sigmas that ties turn out to have, and without terms that
-    /// the data do not ask for.
-    fn settle(&self, decisions: &mut Decisions, rounds: &mut usize, clock: &mut Clock) -> Result<Adjusted> {
+    /// the data do not ask for. Constants and lines with which to begin may be at hand.
+    fn settle(
+        &self,
+        mut at_hand: Option<(Constants, Vec<DriveLine>)>,
+        decisions: &mut Decisions,
+        rounds: &mut usize,
+        clock: &mut Clock,
+    ) -> Result<Adjusted> {
         loop {
-            let adjusted = self.adjust(&self.ranges_m, decisions, rounds, clock)?;
+            let adjusted = match at_hand.take() {
+                Some((constants, lines)) => self.adjust_lines(constants, lines, decisions, rounds, clock)?,
+                None => self.adjust(&self.ranges_m, decisions, rounds, clock)?,
+            };
             if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
                 return Ok(adjusted);
             }
@@ -279,15 +278,24 @@ impl<'a> Prepared<'a> {
         clock: &mut Clock,
     ) -> Result<Adjusted> {
         let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
+        let lines = clock.time("choose", || self.sighted.lines(&constants));
+        self.adjust_lines(constants, lines, decisions, rounds, clock)
+    }
+
+    /// The same with constants and the lines that have their derivatives.
+    fn adjust_lines(
+        &self,
+        constants: Constants,
+        mut lines: Vec<DriveLine>,
+        decisions: &mut Decisions,
+        rounds: &mut usize,
+        clock: &mut Clock,
+    ) -> Result<Adjusted> {
         let options = Options { calibration_covariance: constants.covariance(), ..self.options.clone() };
-        // as measured: of the rounds only the variances differ
-        let measured = clock.time("choose", || self.sighted.lines(&constants));
-        let once = |decisions: &Decisions, most_live: usize, clock: &mut Clock| {
-            let (lines, chosen) = clock.time("choose", || {
-                let mut lines = measured.clone();
-                decisions.factors.apply(&mut lines);
-                let chosen = choose(&lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s);
-                (lines, chosen)
+        let once = |lines: &mut [DriveLine], decisions: &Decisions, most_live: usize, clock: &mut Clock| {
+            let chosen = clock.time("choose", || {
+                decisions.factors.apply(lines);
+                choose(lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s)
             });
             let all = point_ties(self.matched, self.crs, &constants, self.clock_shift_s, decisions.of_spots)?;
             let first = chosen.ties.len();
@@ -295,10 +303,10 @@ impl<'a> Prepared<'a> {
             let ties = chosen.ties.iter().chain(points.iter().map(|p| &p.tie)).cloned().collect();
             let inputs = Inputs { ties, ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
-            anyhow::Ok((lines, chosen, (all, points), inputs, solution))
+            anyhow::Ok((chosen, (all, points), inputs, solution))
         };
         while *rounds < MOST_ROUNDS {
-            let (lines, chosen, _, inputs, solution) = once(decisions, MOST_LIVE_IN_ROUNDS, clock)?;
+            let (chosen, _, inputs, solution) = once(&mut lines, decisions, MOST_LIVE_IN_ROUNDS, clock)?;
             let first = chosen.ties.len();
             let of_lines: Vec<_> = solution.tie_fits.iter().filter(|f| f.tie < first).copied().collect();
             let found = decisions.factors.after(&of_lines, &lines, &chosen);
@@ -308,11 +316,10 @@ impl<'a> Prepared<'a> {
             *rounds = if settled { MOST_ROUNDS } else { *rounds + 1 };
             decisions.factors = found;
             decisions.of_spots = of_spots;
-            let geodetic = solution.trajectory(&inputs, 0.0)?;
-            let trajectory = self.crs.to_map(&geodetic)?.shifted_in_time(-self.clock_shift_s);
+            let trajectory = self.trajectory(&solution, &inputs)?;
             decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
         }
-        let (lines, chosen, points, inputs, solution) = once(decisions, MOST_LIVE, clock)?;
+        let (chosen, points, inputs, solution) = once(&mut lines, decisions, MOST_LIVE, clock)?;
         Ok(Adjusted { constants, solution, inputs, lines, chosen, points })
     }
 }
@@ -343,28 +350,34 @@ pub fn solve(
     }
     let adjusted = if let Some(correction) = &moved_by {
         drive.measure_again(correction, decisions.measured, clock)?;
-        drive.settle(&mut decisions, &mut rounds, clock)?
+        drive.settle(None, &mut decisions, &mut rounds, clock)?
     } else {
-        let mut adjusted = drive.settle(&mut decisions, &mut rounds, clock)?;
+        let mut adjusted = drive.settle(None, &mut decisions, &mut rounds, clock)?;
         for _ in 0..if is_again { MOST_MEASURED } else { 0 } {
-            let trajectory = drive.trajectory(&adjusted)?;
-            let values = &adjusted.solution.calibration.value;
-            let correction = DriveCorrection::new(&adjusted.constants, values, trajectory.clone());
+            let Adjusted { constants, solution, inputs, .. } = adjusted;
+            let trajectory = drive.trajectory(&solution, &inputs)?;
+            let values = &solution.calibration.value;
+            let correction = DriveCorrection::new(&constants, values, trajectory.clone());
             decisions.measured += 1;
             let changed = drive.measure_again(&correction, decisions.measured, clock)?;
-            decisions.strays = clock.time("choose", || drive.strays(&adjusted, &trajectory, &decisions));
+            let lines = clock.time("choose", || {
+                let mut lines = drive.sighted.lines(&constants);
+                decisions.factors.apply(&mut lines);
+                decisions.strays = stray::find(&lines, values, &trajectory, drive.clock_shift_s);
+                lines
+            });
             moved_by = Some(correction);
             // of other ties sigmas may be others
             rounds = if changed > SETTLED_SHARE { MOST_ROUNDS - 1 } else { MOST_ROUNDS };
-            adjusted = drive.settle(&mut decisions, &mut rounds, clock)?;
+            adjusted = drive.settle(Some((constants, lines)), &mut decisions, &mut rounds, clock)?;
             if changed <= SETTLED_SHARE {
                 break;
             }
         }
         adjusted
     };
-    let trajectory = drive.trajectory(&adjusted)?;
     let Adjusted { constants, solution, inputs, lines, chosen, points } = adjusted;
+    let trajectory = drive.trajectory(&solution, &inputs)?;
     let mut notes = notes::notes_of(&chosen, &solution, &decisions.verdicts);
     notes.extend(drive.again.as_ref().map(|again| again.gain.note()));
     notes.extend(decisions.factors.note());
@@ -395,19 +408,4 @@ pub fn solve(
         again: drive.again,
         moved_by,
     })
-}
-
-/// Nearest and farthest range of a scanner's ends \[m\], a share at either end left out.
-#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn range_span(lines: &[DriveLine], scanner: usize, left_out: f64) -> (f64, f64) {
-    let mut ranges: Vec<f64> =
-        lines.iter().flat_map(|l| &l.ends).filter(|e| usize::from(e.scanner) == scanner).map(|e| e.range_m).collect();
-    ranges.sort_by(f64::total_cmp);
-    let cut = (left_out * ranges.len() as f64) as usize;
-    let ranges = &ranges[cut.min(ranges.len())..ranges.len() - cut.min(ranges.len())];
-    match ranges {
-        [] => (1.0, 100.0),
-        [first, .., last] => (first.max(0.3), last.max(first + 1.0)),
-        [one] => (*one, one + 1.0),
-    }
 }

@@ -86,11 +86,12 @@ impl Motion {
 const IDENTITY: Matrix3<f64> = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use tieline_matching::Sighting;
 
-    fn patch(strip: u32, time_s: f64, centroid_m: [f64; 3]) -> Patch {
+    /// A patch of 0.3 m, a little out of level, of a strip at a time \[s\] and a place \[m\].
+    pub(in super::super) fn patch(strip: u32, time_s: f64, centroid_m: [f64; 3]) -> Patch {
         let normal = Vector3::new(0.1, -0.05, 1.0).normalize();
         Patch {
             sighting: Sighting { strip, pass: 0, scanner: 0 },

@@ -41,6 +41,8 @@ pub struct End {
     pub delivered_m: Vector3<f64>,
     /// Unit normal of the surface, body axes.
     pub normal_body: Vector3<f64>,
+    /// Variance along the normal as measured \[m²\]; the sighting has it times the factor of its kind.
+    pub measured_variance_m2: f64,
     /// For the smoother, what is known of the scanner in its body vector.
     pub sighting: Sighting,
 }
@@ -187,6 +189,7 @@ pub fn sighted(
                 delivered_m: delivered.body_vector_m,
                 normal_body: direction_body(&seen_from, &normal_map),
                 position_sigma_m: trajectory.sigma_at(time_s).map_or(0.0, |s| s.position_ned_m.norm()),
+                measured_variance_m2: sigma_m.powi(2),
                 sighting: Sighting {
                     time_s: time_s + clock_shift_s,
                     body_vector_m: delivered.body_vector_m,
@@ -299,6 +302,21 @@ fn passing_s(beam: &Beam, centroid_body_m: &Vector3<f64>, axis: &Vector3<f64>, s
     const LONGEST_S: f64 = 0.25;
     let later_s = axis.dot(&(beam.body_vector_m - centroid_body_m)) / speed_mps;
     if later_s.abs() <= LONGEST_S { later_s } else { 0.0 }
+}
+
+/// Nearest and farthest range of a scanner's ends \[m\], a share at either end left out.
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+pub fn range_span(lines: &[DriveLine], scanner: usize, left_out: f64) -> (f64, f64) {
+    let mut ranges: Vec<f64> =
+        lines.iter().flat_map(|l| &l.ends).filter(|e| usize::from(e.scanner) == scanner).map(|e| e.range_m).collect();
+    ranges.sort_by(f64::total_cmp);
+    let cut = (left_out * ranges.len() as f64) as usize;
+    let ranges = &ranges[cut.min(ranges.len())..ranges.len() - cut.min(ranges.len())];
+    match ranges {
+        [] => (1.0, 100.0),
+        [first, .., last] => (first.max(0.3), last.max(first + 1.0)),
+        [one] => (*one, one + 1.0),
+    }
 }
 
 #[cfg(test)]

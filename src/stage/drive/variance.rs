@@ -5,10 +5,11 @@
 //! redundancy r, `Σ eᵀ R⁻¹ e / Σ r` estimates the factor of the variance (Förstner, *Ein Verfahren zur Schätzung von Varianz- und
 //! Kovarianzkomponenten*, AVN 86 (1979) 446–453), for level, steep, and far steep surfaces, increments and loops apart.
 
+use nalgebra::Matrix3;
 use tieline_filter::TieFit;
 
 use super::choose::Chosen;
-use super::ties::DriveLine;
+use super::ties::{DriveLine, End};
 use crate::project::SurfaceWord;
 
 /// Kinds of ties that have a factor of their own: increments and loops, of level surfaces, of steep ones, and of steep ones far away, where few
@@ -51,11 +52,12 @@ fn kind(line: &DriveLine) -> usize {
 }
 
 impl Factors {
-    /// Gives the ends of lines their variances.
+    /// Gives the ends of lines their variances: those measured times the factors, whatever they had before.
     pub fn apply(&self, lines: &mut [DriveLine]) {
         for line in lines {
             let factor = self.0[kind(line)];
-            line.ends.iter_mut().for_each(|e| e.sighting.covariance_m2 *= factor);
+            let covariance = |e: &End| Matrix3::from_diagonal_element(e.measured_variance_m2 * factor);
+            line.ends.iter_mut().for_each(|e| e.sighting.covariance_m2 = covariance(e));
         }
     }
 

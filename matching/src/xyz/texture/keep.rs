@@ -149,15 +149,15 @@ impl TexturePoints {
     pub(super) fn of_tile(&self, tile: Tile) -> io::Result<Vec<TexturePoint>> {
         let mut points = Vec::new();
         for part in &self.parts {
-            points.extend_from_slice(part.tiles.get(&tile).map_or(&[], Vec::as_slice));
-            let Some(file) = part.file.as_ref() else { continue };
             for (start, count) in part.places.get(&tile).map_or(&[][..], Vec::as_slice) {
+                let Some(file) = part.file.as_ref() else { break };
                 let from = points.len();
                 points.resize(from + count, TexturePoint::zeroed());
                 let mut file = file.lock().map_err(|_| io::Error::other("another thread failed"))?;
                 file.seek(SeekFrom::Start(*start))?;
                 file.read_exact(bytemuck::cast_slice_mut(&mut points[from..]))?;
             }
+            points.extend_from_slice(part.tiles.get(&tile).map_or(&[], Vec::as_slice));
         }
         Ok(points)
     }

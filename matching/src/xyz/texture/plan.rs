@@ -72,9 +72,8 @@ mod tests {
         let plan = Plan::new(&points, -1.0, 4.5);
         for (place_m, radius_m) in [([0.3, 1.1], 0.4), ([-1.0, 3.4], 0.6), ([9.0, 9.0], 0.3)] {
             let about: Vec<usize> = plan.about(place_m, radius_m).collect();
-            let off_m = |p: &TexturePoint| {
-                (f64::from(p.place_m[0]) - place_m[0]).hypot(f64::from(p.place_m[1]) - place_m[1])
-            };
+            let off_m =
+                |p: &TexturePoint| (f64::from(p.place_m[0]) - place_m[0]).hypot(f64::from(p.place_m[1]) - place_m[1]);
             let within: Vec<usize> = (0..points.len()).filter(|k| off_m(&points[*k]) <= radius_m).collect();
             assert!(within.iter().all(|k| about.contains(k)));
             assert!(about.len() <= points.len() && (place_m[0] > 5.0 || !within.is_empty()));

@@ -127,6 +127,15 @@ fn reach_m(on_edge: &[EdgeCell], cell: &EdgeCell, normal: &Vector2<f64>) -> [f64
     })
 }
 
+/// A covariance that is in each direction that of the larger: with a = L Lᵀ and the eigenvalues λ of L⁻¹ b L⁻ᵀ, L V max(1, λ) Vᵀ Lᵀ.
+pub(super) fn larger(a: &Matrix2<f64>, b: &Matrix2<f64>) -> Matrix2<f64> {
+    let Some((l, inverse)) = a.cholesky().and_then(|c| Some((c.l(), c.l().try_inverse()?))) else { return *b };
+    let whitened = inverse * b * inverse.transpose();
+    let axes = ((whitened + whitened.transpose()) * 0.5).symmetric_eigen();
+    let root = l * axes.eigenvectors;
+    root * Matrix2::from_diagonal(&axes.eigenvalues.map(|v| v.max(1.0))) * root.transpose()
+}
+
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss)]
 mod tests {
@@ -190,5 +199,16 @@ mod tests {
         // every second row: twice the gap
         let points = rows(0.12, 0.04, 0.023);
         assert!((sigma_m(&points, 90.0) - 0.12 / 12_f64.sqrt()).abs() < 0.003);
+    }
+
+    #[test]
+    fn in_each_direction_the_larger_counts() {
+        let (a, b) = (Matrix2::new(4.0, 0.0, 0.0, 1.0), Matrix2::new(1.0, 0.0, 0.0, 9.0));
+        assert!((larger(&a, &b) - Matrix2::new(4.0, 0.0, 0.0, 9.0)).norm() < 1e-12);
+        let b = Matrix2::new(3.0, 1.2, 1.2, 2.0);
+        let both = larger(&a, &b);
+        assert!((both - a).symmetric_eigenvalues().min() > -1e-12 && (both - b).symmetric_eigenvalues().min() > -1e-12);
+        assert!((larger(&b, &a) - both).norm() < 1e-12);
+        assert!((larger(&a, &(a * 0.5)) - a).norm() < 1e-12);
     }
 }

@@ -11,7 +11,7 @@ use super::ground::foot;
 use super::keep::{TILE_M, TexturePoints, Tile};
 use super::raster::Raster;
 use super::refine::{Refined, refine};
-use super::sampling::Edges;
+use super::sampling::{Edges, larger};
 use super::tie::{Picture, SpotEnd, SpotRejection, SpotTie};
 use super::view::{View, views};
 use crate::block::SourceKey;
@@ -220,7 +220,8 @@ impl Matching<'_> {
         if !is_supported(a, cell, half) {
             return Some(here(SpotRejection::Support));
         }
-        let other_s = foot(&self.second.points, &self.second.plan, place_m, self.options.height_floor_m).map(|f| f.time_s);
+        let other_s =
+            foot(&self.second.points, &self.second.plan, place_m, self.options.height_floor_m).map(|f| f.time_s);
         let Some(other_s) = other_s else { return Some(here(SpotRejection::NoPlane)) };
         let search_m = search_m(own.time_s, other_s).min(most_search_m);
         // where both the right place and a like one lie within the search they are no further apart than this
@@ -275,13 +276,13 @@ impl Matching<'_> {
         })
     }
 
-    /// Covariance of a shift: of what the residuals show, and of where the points of either sighting happen to be \[m²\].
+    /// Covariance of a shift \[m²\]: what the residuals show varies along edges, what the gaps between points leave open a whole edge has in common.
+    /// Points that lie anyhow show in both, so that in each direction the larger counts.
     fn covariance_m2(&self, refined: &Refined) -> Matrix2<f64> {
         let edges = Edges::new(&refined.cells);
         let scatter = edges.scatter(&self.first.points, &self.first.plan, &Vector2::zeros())
             + edges.scatter(&self.second.points, &self.second.plan, &refined.shift_m);
-        let of_places = refined.inverse * scatter * refined.inverse;
-        refined.covariance_m2 + (of_places + of_places.transpose()) * 0.5
+        larger(&refined.covariance_m2, &(refined.inverse * scatter * refined.inverse))
     }
 
     /// The highest peak and the correlation of the second, or why there is none, with the shift where there was a peak.

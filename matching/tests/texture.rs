@@ -114,6 +114,7 @@ fn street(p: Vector2<f64>) -> f64 {
 }
 
 #[test]
+#[allow(clippy::print_stdout)]
 fn known_shifts_come_back_within_their_sigmas() {
     let shift_m = Vector3::new(0.31, -0.23, 0.08);
     let (mut squares, mut errors, mut outside) = (Vec::new(), Vec::new(), 0);

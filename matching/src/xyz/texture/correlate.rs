@@ -1,5 +1,7 @@
 //! Normalised correlation of a window of one raster with another about a place, gaps left out.
 
+use std::cmp::Ordering;
+
 use super::raster::Raster;
 
 /// Cells from one that is compared to the next: the smoothing leaves nothing finer.
@@ -41,7 +43,11 @@ impl Surface {
                     && about.filter(|at| *at != (x, y)).all(|(c, r)| {
                         let other = self.at(c, r);
                         // of equal neighbours the first
-                        !(other > value || (other == value && (r, c) < (y, x)))
+                        match other.partial_cmp(&value) {
+                            Some(Ordering::Greater) => false,
+                            Some(Ordering::Equal) => (r, c) > (y, x),
+                            Some(Ordering::Less) | None => true,
+                        }
                     })
                 {
                     peaks.push((value, [(x as i64 - reach) * step, (y as i64 - reach) * step]));

@@ -102,7 +102,7 @@ pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, 
             return None;
         }
         if step.norm() < 1e-4 {
-            return Some(judged(&rows, &shift, (gain, x[3]), (a.smoothing_m, a.cell_m))?);
+            return judged(&rows, &shift, (gain, x[3]), (a.smoothing_m, a.cell_m));
         }
     }
     None

@@ -299,8 +299,7 @@ impl Matching<'_> {
         if f64::from(highest) < least {
             return Err((SpotRejection::NoneFound, Some(shift)));
         }
-        #[allow(clippy::cast_possible_wrap)]
-        if shift.iter().any(|s| s.unsigned_abs() as usize >= surface.reach) {
+        if shift.iter().any(|s| s.unsigned_abs() >= surface.reach as u64) {
             return Err((SpotRejection::SearchRim, Some(shift)));
         }
         let rival = peaks.iter().find(|p| apart_m(p.1, shift, &self.first.raster) >= self.options.rival_m);

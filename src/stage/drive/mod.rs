@@ -19,8 +19,12 @@ pub mod merge;
 pub mod motion;
 pub mod need;
 mod notes;
+pub mod over;
 pub mod residuals;
+pub mod seen;
+pub mod spread;
 pub mod stray;
+pub mod surfaces;
 pub mod ties;
 pub mod variance;
 
@@ -36,11 +40,12 @@ use crate::stage::ties::Ties;
 use again::{MeasuredAgain, measure_again};
 use calibrated::Calibrated;
 use choose::{Chosen, choose};
-use constants::Constants;
+use constants::{Constants, Term};
 use correction::DriveCorrection;
 pub use decided::{Decided, Decisions};
 use known::Known;
 pub(crate) use notes::notes_of_terms;
+use seen::{Seen, seen_of};
 use ties::{DriveLine, Sighted, range_span, sighted};
 
 /// Why a drive without a reference system is refused.
@@ -146,6 +151,8 @@ pub struct Prepared<'a> {
     pub ranges_m: Vec<(f64, f64)>,
     /// The same with the half per cent at either end left out \[m\].
     pub inner_ranges_m: Vec<(f64, f64)>,
+    /// Where the ends of each scanner lie on the scales of incidence and intensity, where corrections over these are asked for or known.
+    pub over: Vec<Seen>,
     /// What is to be said of the platform.
     pub notes: Vec<String>,
 }
@@ -180,7 +187,7 @@ impl<'a> Prepared<'a> {
         let clock_shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
         check::parts(project, matched, measurements, clock_shift_s)?;
         let scanners = matched.strips.scanner_numbers().len();
-        let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
+        let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], &[], |_, _| false);
         let sighted = clock.time("choose", || sighted(matched, None, crs, &none, clock_shift_s))?;
         let seen = sighted.delivered();
         if seen.is_empty() {
@@ -188,7 +195,9 @@ impl<'a> Prepared<'a> {
                 "no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive"
             );
         }
-        let notes = check::mounting(project, &check::beams_of(seen))?;
+        let mut notes = check::mounting(project, &check::beams_of(seen))?;
+        let over = seen_of(project, known, &sighted, &none);
+        notes.extend(over.iter().filter_map(Seen::note));
         let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.0)).collect();
         let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.005)).collect();
         let mut options = options(project)?;
@@ -207,6 +216,7 @@ impl<'a> Prepared<'a> {
             sighted,
             ranges_m,
             inner_ranges_m,
+            over,
             notes,
         })
     }
@@ -217,7 +227,7 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// When a place cannot be projected.
     fn measure_again(&mut self, correction: &DriveCorrection, times: usize, clock: &mut Clock) -> Result<f64> {
-        let none = Constants::new(self.project, self.known, &self.ranges_m, |_, _| false);
+        let none = Constants::new(self.project, self.known, &self.ranges_m, &[], |_, _| false);
         let mut again = clock.time("ties again", || measure_again(self.matched, self.delivered, &none, correction));
         let changed = again.changed(self.again.as_ref());
         again.gain.times = times;
@@ -251,7 +261,7 @@ impl<'a> Prepared<'a> {
         loop {
             let adjusted = match at_hand.take() {
                 Some((constants, lines)) => self.adjust_lines(constants, lines, decisions, rounds, clock)?,
-                None => self.adjust(&self.ranges_m, decisions, rounds, clock)?,
+                None => self.adjust(&self.ranges_m, &self.over, decisions, rounds, clock)?,
             };
             if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
                 return Ok(adjusted);
@@ -259,7 +269,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Adjusts with the terms that are decided for, range splines over `ranges_m`, until the factors of the variances settle; `rounds` counts
+    /// Adjusts with the terms that are decided for, range splines over `ranges_m`, others over what was `seen`, until the factors of the variances settle; `rounds` counts
     /// how often they have been found already.
     ///
     /// # Errors
@@ -267,11 +277,13 @@ impl<'a> Prepared<'a> {
     pub fn adjust(
         &self,
         ranges_m: &[(f64, f64)],
+        seen: &[Seen],
         decisions: &mut Decisions,
         rounds: &mut usize,
         clock: &mut Clock,
     ) -> Result<Adjusted> {
-        let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
+        let wanted = |s, term: Term| decisions.takes(s, term) && over::is_asked(self.project, term);
+        let constants = Constants::new(self.project, self.known, ranges_m, seen, wanted);
         let lines = clock.time("choose", || self.sighted.lines(&constants));
         self.adjust_lines(constants, lines, decisions, rounds, clock)
     }

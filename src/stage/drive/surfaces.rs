@@ -36,7 +36,7 @@ pub struct Piece {
 /// Pieces by place.
 #[derive(Debug, Default)]
 pub struct Surfaces {
-    cells: HashMap<[i32; 3], Vec<(Vector3<f64>, Vector3<f64>)>>,
+    cells: HashMap<[i32; 3], Vec<Piece>>,
 }
 
 impl Surfaces {
@@ -53,7 +53,7 @@ impl Surfaces {
         }
         let mut cells: HashMap<_, Vec<_>> = HashMap::new();
         for piece in best.into_values() {
-            cells.entry(cell(&piece.middle_m, CELL_M)).or_default().push((piece.middle_m, piece.normal));
+            cells.entry(cell(&piece.middle_m, CELL_M)).or_default().push(piece);
         }
         Self { cells }
     }
@@ -71,7 +71,7 @@ impl Surfaces {
         let from = cell(&point_m.add_scalar(-0.5 * CELL_M), CELL_M);
         for corner in 0..8 {
             let at = [from[0] + (corner & 1), from[1] + (corner >> 1 & 1), from[2] + (corner >> 2)];
-            for (middle_m, normal) in self.cells.get(&at).into_iter().flatten() {
+            for Piece { middle_m, normal, .. } in self.cells.get(&at).into_iter().flatten() {
                 let off_m = point_m - middle_m;
                 let height_m = off_m.dot(normal);
                 let along = (off_m.norm_squared() - height_m * height_m) / (REACH_M * REACH_M);

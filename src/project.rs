@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
-    CalibrateSection, CorrectSection, KnownTerm, MatchSection, ReturnsChoice, ScannerChoice, SolveSection, SplitChoice,
-    SplitWord, StripModelChoice, StripsSection, SurfaceWord, XyzChoice,
+    CalibrateSection, CorrectSection, KnownTerm, MatchSection, RangeOver, ReturnsChoice, ScannerChoice, SolveSection,
+    SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord, XyzChoice,
 };
 
 use measurements::{
@@ -295,6 +295,10 @@ fn check(project: &Project) -> Result<(), ProjectError> {
             path.display().to_string(),
             "it is for drives, which have [[strips]] and [imu]; elsewhere copy its [platform] into the project",
         );
+    }
+    let is_drive = project.imu.is_some() && !project.strips.is_empty();
+    if let Some((value, remedy)) = project.calibrate.wrong_range_over(is_drive) {
+        return wrong("calibrate.range_over", value, remedy);
     }
     if project.matching.surfaces.as_ref().is_some_and(Vec::is_empty) {
         return wrong("match.surfaces", String::from("[]"), "name \"level\", \"steep\" or both, or leave it out");

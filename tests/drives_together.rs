@@ -148,7 +148,7 @@ fn estimate(bench: &Bench, project: &str, ranges_m: &[(f64, f64)]) -> (Constants
     let measurements = load(&project, &[]).expect("measurements");
     let matched = match_drive(&project, &measurements, &options, &mut clock).expect("ties");
     let drive = Prepared::new(&project, &matched, &measurements, &[], 256 << 20, &mut clock).expect("a drive");
-    let adjusted = drive.adjust(ranges_m, &mut Decisions::default(), &mut 0, &mut clock).expect("adjusted");
+    let adjusted = drive.adjust(ranges_m, &[], &mut Decisions::default(), &mut 0, &mut clock).expect("adjusted");
     (adjusted.constants, adjusted.solution.calibration)
 }
 

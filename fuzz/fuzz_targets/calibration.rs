@@ -19,6 +19,7 @@ fuzz_target!(|data: &[u8]| {
         body_vector_m: Vector3::new(4.0, -3.0, 2.0),
         velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
         rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
+        target: tieline::stage::drive::over::Target::default(),
         patch: Spread::default(),
     };
     for one in &known {

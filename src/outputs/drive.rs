@@ -44,7 +44,7 @@ pub fn write_drive(
     write_correction_of(matched, drive, out)
 }
 
-/// Writes `calibration.toml` and `range_bias.csv`.
+/// Writes `calibration.toml` and `range_bias.csv`, and `range_bias_over.csv` where there are curves over incidence or intensity.
 ///
 /// # Errors
 /// When one cannot be written.
@@ -53,6 +53,19 @@ pub fn write_calibration(project: &Project, calibrated: &Calibrated<'_>, out: &P
         write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
     };
     whole("range_bias.csv", &range_bias(calibrated))?;
+    let over = range_bias_over(calibrated);
+    if let Some(text) = &over {
+        whole("range_bias_over.csv", text)?;
+    } else {
+        // one of an earlier run does not belong to this calibration
+        let path = out.join("range_bias_over.csv");
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("{} is of an earlier run", path.display()));
+            }
+            _ => {}
+        }
+    }
     whole("calibration.toml", &calibration::text(project, calibrated))
 }
 
@@ -130,6 +143,19 @@ fn range_bias(calibrated: &Calibrated<'_>) -> String {
         }
     }
     text
+}
+
+fn range_bias_over(calibrated: &Calibrated<'_>) -> Option<String> {
+    let mut text = String::from("scanner,over,at,bias_m,sigma_m\n");
+    let header = text.len();
+    for own in &calibrated.constants.over {
+        for place in own.rows() {
+            let Some((bias_m, sigma_m)) = calibrated.bias_over(own, place) else { continue };
+            let (over, at) = (own.over.as_str(), own.over.value(place));
+            let _ = writeln!(text, "{},{over},{at:.2},{bias_m:.6},{sigma_m:.6}", own.scanner);
+        }
+    }
+    (text.len() > header).then_some(text)
 }
 
 /// New minus old pose over the time of the strips, calibration apart.

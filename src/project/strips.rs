@@ -238,6 +238,8 @@ pub struct CalibrateSection {
     pub range_offset: bool,
     /// Range scale.
     pub range_scale: bool,
+    /// What the range correction of a drive is over.
+    pub range_over: Vec<RangeOver>,
     /// Latency of a scanner's stamps (drives).
     pub latency: bool,
     /// Calibration found before, taken as known (drives).
@@ -266,11 +268,28 @@ pub enum KnownTerm {
     Latency,
     /// Range correction.
     Range,
+    /// Range correction over incidence.
+    Incidence,
+    /// Range correction over intensity.
+    Intensity,
+}
+
+/// `range_over`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RangeOver {
+    /// The range itself.
+    Range,
+    /// The angle between beam and normal.
+    Incidence,
+    /// The intensity.
+    Intensity,
 }
 
 impl KnownTerm {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range];
+    pub const ALL: [Self; 6] =
+        [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range, Self::Incidence, Self::Intensity];
 
     /// The same among the constants of a drive.
     #[must_use]
@@ -280,6 +299,8 @@ impl KnownTerm {
             Self::LeverArm => Term::LeverArm,
             Self::Latency => Term::Latency,
             Self::Range => Term::Range,
+            Self::Incidence => Term::Incidence,
+            Self::Intensity => Term::Intensity,
         }
     }
 }
@@ -292,6 +313,7 @@ impl Default for CalibrateSection {
             lever_arm: true,
             range_offset: true,
             range_scale: true,
+            range_over: vec![RangeOver::Range],
             latency: true,
             known: None,
             known_terms: KnownTerm::ALL.to_vec(),
@@ -304,6 +326,23 @@ impl Default for CalibrateSection {
 }
 
 impl CalibrateSection {
+    /// Whether a drive's range correction over the range is estimated.
+    #[must_use]
+    pub fn has_range_curve(&self) -> bool {
+        (self.range_offset || self.range_scale) && self.range_over.contains(&RangeOver::Range)
+    }
+
+    /// What is wrong with `range_over`, and what to do.
+    pub(super) fn wrong_range_over(&self, is_drive: bool) -> Option<(String, &'static str)> {
+        if self.range_over.is_empty() {
+            let remedy = "name \"range\", \"incidence\", \"intensity\" or several of them, or leave it out";
+            return Some((String::from("[]"), remedy));
+        }
+        let other = self.range_over.iter().find(|o| **o != RangeOver::Range && !is_drive)?;
+        let value = format!("[.., \"{}\"]", format!("{other:?}").to_lowercase());
+        Some((value, "corrections over incidence and intensity are for drives, which have [[strips]] and [imu]"))
+    }
+
     /// The terms to estimate.
     #[must_use]
     pub fn terms(&self) -> CalibrationTerms {
@@ -365,6 +404,7 @@ pub struct CorrectSection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::project::parse_str;
 
     fn section(line: &str) -> Result<MatchSection, String> {
         toml::from_str(line).map_err(|error| error.to_string())
@@ -396,5 +436,22 @@ mod tests {
             let error = section(line).expect_err("refused");
             assert!(error.contains(word) && error.contains("\"auto\", \"off\" or [\"texture\"] is due"), "{error}");
         }
+    }
+
+    #[test]
+    fn what_the_range_correction_is_over_is_looked_at() {
+        let drive = "[[strips]]\npath = \"*.laz\"\n[imu]\npath = \"imu.txt\"\ngrade = \"ap60\"\n";
+        let parsed = |first: &str, list: &str| parse_str(&format!("{first}[calibrate]\nrange_over = {list}\n"));
+        assert_eq!(parse_str(drive).expect("a drive").calibrate.range_over, [RangeOver::Range]);
+        let project = parsed(drive, "[\"range\", \"intensity\"]").expect("words");
+        assert!(project.calibrate.has_range_curve() && project.calibrate.range_over.len() == 2);
+        assert!(!parsed(drive, "[\"incidence\"]").expect("a word").calibrate.has_range_curve());
+        let refuse = |first: &str, list: &str, words: &[&str]| {
+            let message = parsed(first, list).expect_err("refused").to_string();
+            assert!(words.iter().all(|w| message.contains(w)), "{message}");
+        };
+        refuse(drive, "[\"colour\"]", &["colour", "range", "incidence", "intensity", "line 7"]);
+        refuse(drive, "[]", &["calibrate.range_over", "leave it out"]);
+        refuse("[[strips]]\npath = \"*.laz\"\n", "[\"range\", \"incidence\"]", &["calibrate.range_over", "[imu]"]);
     }
 }

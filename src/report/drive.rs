@@ -2,6 +2,7 @@
 
 mod calibration;
 pub mod calibration_run;
+pub mod curves;
 mod cuts;
 pub mod data;
 #[cfg(test)]

@@ -1,22 +1,26 @@
 //! Strips streamed through their correction: every point at its own time, chunk-parallel, written whole or not at all.
 
+mod rays;
+
 use std::path::Path;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, Result, anyhow};
 use nalgebra::Vector3;
 use tieline_graph::{Model, PointMap, PoseCorrection};
 use tieline_io::las::{EditError, LasFile, RewriteOptions, output_offset, output_scale, rewrite};
-use tieline_matching::{SourceKey, SourceRule, StripIndex};
+use tieline_matching::{End, Rejection, SourceKey, SourceRule, StripIndex};
 
 use crate::job::Matched;
 use crate::report::data::FileSummary;
 use crate::stage::drive::correction::DriveCorrection;
-use crate::stage::drive::curve::RangeSpline;
 use crate::stage::drive::cut::{Collector, Found};
+use crate::stage::drive::surfaces::Piece;
 use crate::stage::solve::Setup;
 use crate::stage::trajectory::Poses;
 use crate::survey::{Survey, SurveyFile};
+use rays::Rays;
 
 /// Spacing of the knots between which corrections are interpolated \[s\].
 const KNOT_SPACING_S: f64 = 0.05;
@@ -67,8 +71,8 @@ pub struct Corrections<'a> {
     strips: &'a StripIndex,
     rule: SourceRule,
     knots: Vec<Vec<Option<Knots>>>,
-    /// Range corrections by scanner, to be added.
-    curves: Vec<Vec<(RangeSpline, Vec<f64>)>>,
+    /// Range corrections by scanner.
+    rays: Rays,
     inverse: bool,
 }
 
@@ -109,7 +113,7 @@ impl<'a> Corrections<'a> {
             }
             knots.push(of_strip);
         }
-        Ok(Self { strips, rule, knots, curves: vec![Vec::new(); strips.scanner_numbers().len()], inverse })
+        Ok(Self { strips, rule, knots, rays: Rays::none(strips.scanner_numbers().len()), inverse })
     }
 
     /// Corrections of a drive: the difference of the trajectories and the calibration, range corrections included. With `inverse` they
@@ -142,16 +146,40 @@ impl<'a> Corrections<'a> {
             }
             knots.push(of_strip);
         }
-        let curves = drive.scanners.iter().map(|s| s.ranges.clone()).collect();
-        Ok(Self { strips, rule: matched.rule, knots, curves, inverse })
+        let rays = Rays::new(&drive.scanners, matched.survey.origin());
+        let mut corrections = Self { strips, rule: matched.rule, knots, rays, inverse };
+        if corrections.rays.is_over_incidence() {
+            let pieces: Vec<Piece> = corrections.pieces(matched).collect();
+            corrections.rays.learn(pieces.into_iter());
+        }
+        Ok(corrections)
+    }
+
+    /// The matched patches where the corrections take them; what was not taken for a false one.
+    fn pieces(&self, matched: &'a Matched) -> impl Iterator<Item = Piece> {
+        let origin_m = matched.survey.origin();
+        let is_right = |end: &&End| end.rejection.is_none_or(|why| why == Rejection::Budget);
+        let ends = matched.ties.lines.iter().flat_map(|line| &line.ends).filter(is_right).map(|end| &end.patch);
+        ends.chain(&matched.ties.lone).filter_map(move |patch| {
+            let scanner = usize::from(patch.sighting.scanner);
+            let knots = self.knots.get(usize::try_from(patch.sighting.strip).ok()?)?.get(scanner)?.as_ref()?;
+            let map = knots.at(patch.time_s);
+            let middle_m = patch.centroid_m + origin_m;
+            let moved = |point_m: Vector3<f64>| point_m + map.delta_m(&point_m);
+            let there_m = moved(middle_m);
+            let scanner_m = map.scanner_m + map.shift_m;
+            let lengthened_m = self.rays.lengthened(scanner, &scanner_m, f64::from(patch.intensity), &there_m);
+            let normal = (moved(middle_m + patch.normal) - there_m).normalize();
+            Some(Piece { middle_m: lengthened_m - origin_m, normal, points: patch.points })
+        })
     }
 
     /// Moves a point \[m\] of a source at a survey time \[s\]; `None` when the source is not known.
     #[inline]
     fn apply(
         &self,
-        source: SourceKey,
-        time_s: f64,
+        (source, time_s): (SourceKey, f64),
+        intensity: u16,
         point: &Vector3<f64>,
         last: &mut LastStrip,
     ) -> Option<Vector3<f64>> {
@@ -164,45 +192,19 @@ impl<'a> Corrections<'a> {
                 end_s: s.end_s,
                 strip: strip as usize,
                 scanner: usize::from(scanner),
+                off_surface: last.off_surface,
             };
         }
         let map = self.knots[last.strip][last.scanner].as_ref()?.at(time_s);
-        let curves = &self.curves[last.scanner];
-        let longer_m = |range_m: f64| -> f64 {
-            curves.iter().map(|(spline, coefficients)| spline.at(coefficients, range_m)).sum()
-        };
-        let scanner_m = map.scanner_m + map.shift_m;
+        let (scanner_m, intensity) = (map.scanner_m + map.shift_m, f64::from(intensity));
         if self.inverse {
-            if curves.is_empty() {
-                return Some(map.undo(point));
-            }
-            let ray = point - scanner_m;
-            let corrected_m = ray.norm().max(1e-3);
-            return Some(map.undo(&(scanner_m + ray * (measured_m(corrected_m, longer_m) / corrected_m))));
+            return Some(map.undo(&self.rays.measured(last.scanner, &scanner_m, intensity, point)));
         }
-        let mut moved = point + map.delta_m(point);
-        if !curves.is_empty() {
-            let ray = moved - scanner_m;
-            let range_m = ray.norm().max(1e-3);
-            moved += ray * (longer_m(range_m) / range_m);
-        }
-        Some(moved)
+        let moved = point + map.delta_m(point);
+        let (corrected, is_known) = self.rays.corrected(last.scanner, &scanner_m, intensity, &moved);
+        last.off_surface += u64::from(!is_known);
+        Some(corrected)
     }
-}
-
-/// The range \[m\] that a correction `longer_m` makes a corrected one of: `ρ + f(ρ)` solved for ρ. Corrections change by a few
-/// millimetres a metre: each step leaves that share of the error.
-fn measured_m(corrected_m: f64, longer_m: impl Fn(f64) -> f64) -> f64 {
-    let mut range_m = corrected_m;
-    for _ in 0..20 {
-        let next_m = corrected_m - longer_m(range_m);
-        let step_m = (next_m - range_m).abs();
-        range_m = next_m;
-        if step_m < 1e-9 {
-            break;
-        }
-    }
-    range_m
 }
 
 struct LastStrip {
@@ -211,6 +213,8 @@ struct LastStrip {
     end_s: f64,
     strip: usize,
     scanner: usize,
+    /// Points whose surface is not known well enough for the incidence.
+    off_surface: u64,
 }
 
 /// Scale of a file's output \[m\]: as asked, else by the rule of [`output_scale`].
@@ -232,15 +236,19 @@ pub fn correct_file(
     advance: &(dyn Fn(u64) + Sync),
 ) -> Result<FileSummary> {
     let fields = Fields::new(file, corrections.rule)?;
-    rewrite_moved(&file.las, output, scale_m, advance, |first, records, record_length, points| {
-        let mut last = LastStrip { source: SourceKey(u64::MAX), start_s: 0.0, end_s: 0.0, strip: 0, scanner: 0 };
+    let off_surface = AtomicU64::new(0);
+    let mut summary = rewrite_moved(&file.las, output, scale_m, advance, |first, records, record_length, points| {
+        let source = SourceKey(u64::MAX);
+        let mut last = LastStrip { source, start_s: 0.0, end_s: 0.0, strip: 0, scanner: 0, off_surface: 0 };
         let mut largest_square = 0.0_f64;
         let mut found = Found::new();
         for (i, (record, xyz)) in records.chunks_exact(record_length).zip(points.iter_mut()).enumerate() {
             let (source, time_s) = fields.of(record);
+            // at the same place in all formats
+            let intensity = u16::from_le_bytes([record[12], record[13]]);
             let point = Vector3::from(*xyz);
             let moved = corrections
-                .apply(source, time_s, &point, &mut last)
+                .apply((source, time_s), intensity, &point, &mut last)
                 .ok_or_else(|| format!("point {} at {time_s:.6} s belongs to no strip", first + i as u64))?;
             largest_square = largest_square.max((moved - point).norm_squared());
             #[allow(clippy::cast_possible_truncation)] // scanners are numbered in 16 bits
@@ -249,8 +257,17 @@ pub fn correct_file(
             *xyz = moved.into();
         }
         collector.take(found);
+        off_surface.fetch_add(last.off_surface, Ordering::Relaxed);
         Ok(largest_square.sqrt())
-    })
+    })?;
+    if corrections.rays.is_over_incidence() && !corrections.inverse {
+        summary.notes.push(format!(
+            "{} of {} points lie off the matched surfaces: the range correction over incidence leaves them out, or fades towards them",
+            off_surface.into_inner(),
+            summary.points
+        ));
+    }
+    Ok(summary)
 }
 
 /// Writes a file again with its points moved, and says what changed.

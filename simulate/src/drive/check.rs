@@ -299,8 +299,29 @@ fn check_scanner(scanner: &DriveScannerOptions) -> Result<(), SimulateError> {
     let grows = scanner.bias_knots_m.windows(2).all(|k| k[1][0] > k[0][0]);
     let knots = format!("{:?}", scanner.bias_knots_m);
     require("scanner.bias_knots_m", grows, &knots, "pairs [range, bias] in metres whose ranges grow")?;
+    for (key, knots, limits, due) in [
+        (
+            "scanner.bias_incidence",
+            &scanner.bias_incidence,
+            (0.0, 90.0),
+            "pairs [incidence, bias] in degrees from 0 to 90 that grow, and metres",
+        ),
+        (
+            "scanner.bias_intensity",
+            &scanner.bias_intensity,
+            (1.0, 65_535.0),
+            "pairs [intensity, bias] with intensities from 1 to 65535 that grow, and metres",
+        ),
+    ] {
+        let grows = knots.windows(2).all(|k| k[1][0] > k[0][0]);
+        let within = knots.iter().all(|k| k[0] >= limits.0 && k[0] <= limits.1);
+        require(key, grows && within, &format!("{knots:?}"), due)?;
+    }
+    let knots = || scanner.bias_knots_m.iter().chain(&scanner.bias_incidence).chain(&scanner.bias_intensity);
     let largest_m = scanner.bias_offset_m.abs()
         + scanner.bias_bumps.iter().map(|b| b.height_m.abs()).fold(0.0, f64::max)
-        + scanner.bias_knots_m.iter().map(|k| k[1].abs()).fold(0.0, f64::max);
+        + knots().map(|k| k[1].abs()).fold(0.0, f64::max);
+    let all = knots().all(|k| k[1].is_finite());
+    require("scanner.bias_knots_m and others", all, &all, "biases in metres")?;
     require("scanner.bias_offset_m and others", largest_m < 1.0, &largest_m, "a bias in metres, below 1 m")
 }

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! true point       x = p(t + τ) + C(t + τ) [ a_s + R(b_s) R0_s d ρ ]        ρ the way to the first surface
-//! delivered point  x = p'(t) + C'(t) [ a'_s + R0_s d (ρ + bias_s(ρ) + noise) ]
+//! delivered point  x = p'(t) + C'(t) [ a'_s + R0_s d (ρ + bias_s(ρ) + bias_s(incidence) + bias_s(intensity) + noise) ]
 //! ```
 //!
 //! `p'`, `C'` are not invented: they are what [`tieline_filter::Smoother`] makes of the simulated IMU, GNSS and odometer.

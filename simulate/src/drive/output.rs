@@ -8,7 +8,8 @@
 //! out/gnss.pos, out/odometer.csv      RTKLIB's format, antenna; speed of a wheel
 //! out/calibration.toml                nominal lever arms, mounting, noise
 //! out/truth/                          truth.sbet, calibration_true.toml, bias_functions.csv, outages.csv, passes.csv,
-//!                                     features.csv, range_hist.csv, manifest.json, scenario.toml, strips/
+//!                                     features.csv, range_hist.csv, manifest.json, scenario.toml, strips/; bias_over.csv
+//!                                     where a scanner errs with incidence or intensity
 //! ```
 
 mod sensors;
@@ -115,6 +116,10 @@ pub fn write(
     ];
     for (name, text) in files {
         write_text(&truth_folder.join(name), &text)?;
+    }
+    remove_old(&truth_folder.join("bias_over.csv"))?;
+    if let Some(text) = truth::bias_over(survey) {
+        write_text(&truth_folder.join("bias_over.csv"), &text)?;
     }
     let (start_s, end_s) = survey.span_s();
     Ok(DriveReport { project, strips, duration_s: end_s - start_s, length_m: survey.length_m() })

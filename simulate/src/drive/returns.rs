@@ -17,9 +17,12 @@ pub(super) struct Return {
     pub(super) material: Material,
     /// Brightness.
     pub(super) intensity: f64,
+    /// Cosine of the angle between the beam and the normal of the surface.
+    pub(super) cosine: f64,
 }
 
-const NOTHING: Return = Return { distance_m: 0.0, strength: 0.0, material: Material::Asphalt, intensity: 0.0 };
+const NOTHING: Return =
+    Return { distance_m: 0.0, strength: 0.0, material: Material::Asphalt, intensity: 0.0, cosine: 1.0 };
 
 /// Returns of a pulse.
 #[derive(Debug, Clone, Copy)]
@@ -61,5 +64,6 @@ pub(super) fn mixed(near: &Return, far: &Return) -> Return {
         strength: near.strength + far.strength,
         material: if share > 0.5 { near.material } else { far.material },
         intensity: near.intensity + far.intensity,
+        cosine: if share > 0.5 { near.cosine } else { far.cosine },
     }
 }

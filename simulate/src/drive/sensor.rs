@@ -64,6 +64,31 @@ impl ProfileScanner {
             .sum();
         options.bias_offset_m + options.bias_ppm * 1e-6 * range_m + bumps + between(&options.bias_knots_m, range_m)
     }
+
+    /// What it shows beyond that at an angle between beam and normal \[deg\] \[m\].
+    #[must_use]
+    pub fn bias_at_incidence_m(&self, incidence_deg: f64) -> f64 {
+        smoothly_between(&self.options.bias_incidence, incidence_deg, |deg| deg)
+    }
+
+    /// What it shows beyond that at an intensity as the strips have it \[m\].
+    #[must_use]
+    pub fn bias_at_intensity_m(&self, intensity: f64) -> f64 {
+        smoothly_between(&self.options.bias_intensity, intensity.max(1.0), f64::ln)
+    }
+}
+
+/// Knots joined by cubics that are level at each, over a scale; level beyond the ends, zero without any.
+fn smoothly_between(knots: &[[f64; 2]], at: f64, scale: impl Fn(f64) -> f64) -> f64 {
+    let next = knots.partition_point(|k| k[0] <= at);
+    match (next.checked_sub(1).and_then(|k| knots.get(k)), knots.get(next)) {
+        (Some([a, x]), Some([b, y])) => {
+            let t = (scale(at) - scale(*a)) / (scale(*b) - scale(*a));
+            x + (y - x) * t * t * (3.0 - 2.0 * t)
+        }
+        (Some([_, x]), None) | (None, Some([_, x])) => *x,
+        (None, None) => 0.0,
+    }
 }
 
 /// Straight lines between knots, level beyond the ends, zero without any.
@@ -92,5 +117,25 @@ mod tests {
         });
         assert!((scanner.bias_m(7.0) - (0.003 + 0.000_35 - 0.009 + 0.0025)).abs() < 1e-12);
         assert!((scanner.bias_m(100.0) - (0.003 + 0.005 + 0.004)).abs() < 1e-12);
+        assert!(scanner.bias_at_incidence_m(30.0) == 0.0 && scanner.bias_at_intensity_m(0.0) == 0.0, "none was given");
+    }
+
+    #[test]
+    fn the_bias_over_incidence_and_intensity_goes_smoothly_through_its_knots() {
+        let scanner = ProfileScanner::new(&DriveScannerOptions {
+            bias_incidence: vec![[0.0, 0.001], [60.0, 0.005]],
+            bias_intensity: vec![[100.0, -0.002], [10_000.0, 0.002]],
+            ..DriveScannerOptions::default()
+        });
+        for (deg, bias_m) in [(0.0, 0.001), (30.0, 0.003), (60.0, 0.005), (80.0, 0.005)] {
+            assert!((scanner.bias_at_incidence_m(deg) - bias_m).abs() < 1e-12, "{deg}");
+        }
+        // in the middle of the logarithm
+        for (intensity, bias_m) in [(0.0, -0.002), (100.0, -0.002), (1000.0, 0.0), (60_000.0, 0.002)] {
+            assert!((scanner.bias_at_intensity_m(intensity) - bias_m).abs() < 1e-12, "{intensity}");
+        }
+        let slope =
+            |deg: f64| (scanner.bias_at_incidence_m(deg + 0.01) - scanner.bias_at_incidence_m(deg - 0.01)) / 0.02;
+        assert!(slope(60.0).abs() < 1e-6 && slope(30.0) > 5e-5, "{} {}", slope(60.0), slope(30.0));
     }
 }

@@ -166,6 +166,12 @@ pub struct DriveScannerOptions {
     pub bias_bumps: Vec<BiasBump>,
     /// Pairs of range \[m\] and bias \[m\], growing in range: added as straight lines, level beyond the ends.
     pub bias_knots_m: Vec<[f64; 2]>,
+    /// Pairs of incidence \[deg\] and bias \[m\], growing in incidence: added smoothly between, level at and beyond each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bias_incidence: Vec<[f64; 2]>,
+    /// Pairs of intensity as the strips have it and bias \[m\], growing in intensity: added smoothly over its logarithm, level at and beyond each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bias_intensity: Vec<[f64; 2]>,
 }
 
 /// A bump of the range bias: `height · exp(-(r - range)² / (2 width²))`.
@@ -199,6 +205,8 @@ impl Default for DriveScannerOptions {
             bias_ppm: 0.0,
             bias_bumps: Vec::new(),
             bias_knots_m: Vec::new(),
+            bias_incidence: Vec::new(),
+            bias_intensity: Vec::new(),
         }
     }
 }

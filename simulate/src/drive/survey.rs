@@ -246,8 +246,12 @@ impl Recorder<'_> {
             if range_m < options.min_range_m || range_m > options.max_range_m {
                 continue;
             }
-            let body_m = self.scanner.nominal_lever_arm_m + self.scanner.nominal_body_from_scanner * (beam * range_m);
             let speckle = 1.0 + 0.06 * self.random.normal();
+            let intensity = intensity(echo.intensity * speckle);
+            let range_m = range_m
+                + self.scanner.bias_at_incidence_m(echo.cosine.clamp(0.0, 1.0).acos().to_degrees())
+                + self.scanner.bias_at_intensity_m(f64::from(intensity));
+            let body_m = self.scanner.nominal_lever_arm_m + self.scanner.nominal_body_from_scanner * (beam * range_m);
             echoes.push(Echo {
                 time_s,
                 true_m: origin + aim * echo.distance_m,
@@ -258,7 +262,7 @@ impl Recorder<'_> {
                 return_number: u8::try_from(echoes.len() - first + 1).unwrap_or(u8::MAX),
                 number_of_returns: 0,
                 class: echo.material.class(),
-                intensity: intensity(echo.intensity * speckle),
+                intensity,
             });
         }
         let number_of_returns = u8::try_from(echoes.len() - first).unwrap_or(u8::MAX);
@@ -322,7 +326,7 @@ impl Recorder<'_> {
         let strength = hit.strength(self.scanner.options.reach_m) * share;
         let range_m = hit.distance_m;
         let intensity = hit.material.reflectance() * hit.cosine * share / (1.0 + (range_m / 40.0).powi(2));
-        Return { distance_m: range_m + rough_m, strength, material: hit.material, intensity }
+        Return { distance_m: range_m + rough_m, strength, material: hit.material, intensity, cosine: hit.cosine }
     }
 
     /// A leaf may take the beam, or a part of it.

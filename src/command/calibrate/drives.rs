@@ -23,6 +23,7 @@ use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::combine::{Combined, combine};
 use crate::stage::drive::constants::Constants;
 use crate::stage::drive::known::{self, Known};
+use crate::stage::drive::seen::widen_all;
 use crate::stage::drive::{Decisions, Prepared};
 use crate::state::drive::save_calibrate;
 
@@ -121,11 +122,13 @@ fn several(drives: &[Drive<'_>], folder: &Path, clock: &mut Clock) -> Result<Cal
     check_alike(&named)?;
     create(folder)?;
     let (mut ranges_m, mut inner_m): (Spans, Spans) = (Vec::new(), Vec::new());
+    let mut seen = Vec::new();
     let (mut numbers, mut notes) = (Vec::new(), Vec::new());
     for drive in drives {
         drive.with(clock, |prepared, _| {
             widen(&mut ranges_m, &prepared.ranges_m);
             widen(&mut inner_m, &prepared.inner_ranges_m);
+            widen_all(&mut seen, &prepared.over);
             numbers.push((drive.name.as_str(), prepared.scanner_numbers().to_vec()));
             notes.extend(prepared.notes.iter().map(|note| format!("drive {}: {note}", drive.name)));
             Ok(())
@@ -142,7 +145,7 @@ fn several(drives: &[Drive<'_>], folder: &Path, clock: &mut Clock) -> Result<Cal
             let bar = drive.options.progress.spinner("estimating trajectory and calibration");
             decisions[i].verdicts.clone_from(&joint.verdicts);
             drive.with(clock, |prepared, clock| {
-                let one = prepared.adjust(&ranges_m, &mut decisions[i], &mut rounds[i], clock)?;
+                let one = prepared.adjust(&ranges_m, &seen, &mut decisions[i], &mut rounds[i], clock)?;
                 ties.push(one.solution.ties.iter().filter(|t| t.why_not.is_none()).count());
                 adjusted.push((one.constants, one.solution.calibration));
                 Ok(())

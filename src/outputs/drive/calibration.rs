@@ -44,6 +44,15 @@ pub(super) fn text(project: &Project, calibrated: &Calibrated<'_>) -> String {
                 "\n[[range_correction]]\nscanner = {scanner}\nfirst_m = {first_m:?}\nlast_m = {last_m:?}\ncoefficients_m = {coefficients_m:.7?}"
             );
         }
+        for curve in constants.over_curves(scanner, &estimate.value) {
+            let (first, last) = curve.spline.span();
+            let (over, first, last) = (curve.over.as_str(), curve.over.value(first), curve.over.value(last));
+            let _ = writeln!(
+                text,
+                "\n[[range_correction_over]]\nscanner = {scanner}\nover = \"{over}\"\nfirst = {first:?}\nlast = {last:?}\ncoefficients_m = {:.7?}",
+                curve.coefficients_m
+            );
+        }
     }
     for verdict in verdicts.iter() {
         let _ = writeln!(
@@ -62,10 +71,10 @@ pub(super) fn text(project: &Project, calibrated: &Calibrated<'_>) -> String {
     text
 }
 
-/// Estimates of all terms but range corrections.
+/// Estimates of all terms but curves.
 fn estimates(text: &mut String, calibrated: &Calibrated<'_>) {
     let Calibrated { constants, estimate, .. } = calibrated;
-    for group in constants.groups.iter().filter(|g| g.term != Term::Range) {
+    for group in constants.groups.iter().filter(|g| !g.term.is_curve()) {
         let (unit, factor) = unit(group.term);
         for k in 0..group.prior.nrows() {
             let i = group.first + k;
@@ -108,6 +117,6 @@ fn unit(term: Term) -> (&'static str, f64) {
     match term {
         Term::Boresight => ("deg", 1f64.to_degrees()),
         Term::Latency => ("s", 1.0),
-        Term::LeverArm | Term::Range => ("m", 1.0),
+        Term::LeverArm | Term::Range | Term::Incidence | Term::Intensity => ("m", 1.0),
     }
 }

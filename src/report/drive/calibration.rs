@@ -1,8 +1,10 @@
 //! Calibration: what was estimated, what was fixed.
 
-use crate::report::drive::data::{DriveSummary, TermSummary};
+use crate::report::drive::data::{DriveCalibration, DriveSummary, TermSummary};
 use crate::report::html::{Align, Table, bar, escape, section};
 use crate::report::number::{decimals_for, fixed, length, mm, signed};
+use crate::stage::drive::constants::Term;
+use crate::stage::drive::over::Over;
 
 const LEAD: &str = "Corrections of the mounting that the project gives, on its axes. Known from data says how much of a value comes \
 from this drive: at 0 % it is what was assumed beforehand. Each term is tested for all scanners together: below 1 it differs from \
@@ -27,10 +29,11 @@ pub(crate) fn terms(summary: &DriveSummary) -> String {
     );
     for term in &calibration.terms {
         let values = || calibration.estimates.iter().filter(|e| e.scanner == term.scanner && e.term == term.name);
-        let curve = calibration.range_bias.iter().find(|c| c.scanner == term.scanner);
-        if let (true, Some(curve)) = (term.estimated && values().next().is_none(), curve) {
-            let most_m = curve.bias_m.iter().map(|b| b.abs()).fold(f64::NAN, f64::max);
-            let sigma_m = curve.sigma_m.iter().copied().fold(f64::NAN, f64::max);
+        if let (true, Some((bias_m, sigma_m))) =
+            (term.estimated && values().next().is_none(), curve_of(calibration, term))
+        {
+            let most_m = bias_m.iter().map(|b| b.abs()).fold(f64::NAN, f64::max);
+            let sigma_m = sigma_m.iter().copied().fold(f64::NAN, f64::max);
             let value = format!("up to {}", mm(most_m));
             row(&mut table, term, &term.name, [value, format!("up to {}", mm(sigma_m)), dash(), "mm".into(), dash()]);
             continue;
@@ -62,6 +65,18 @@ pub(crate) fn terms(summary: &DriveSummary) -> String {
     if body.is_empty() { body } else { section("calibration", "Calibration", LEAD, &body) }
 }
 
+/// Bias and standard deviations \[m\] of the curve that a term is.
+fn curve_of<'a>(calibration: &'a DriveCalibration, term: &TermSummary) -> Option<(&'a [f64], &'a [f64])> {
+    let over = Over::ALL.into_iter().find(|over| over.term().as_str() == term.name);
+    if let Some(over) = over {
+        let mut curves = calibration.range_bias_over.iter();
+        let curve = curves.find(|c| (c.scanner, c.over.as_str()) == (term.scanner, over.as_str()))?;
+        return Some((&curve.bias_m, &curve.sigma_m));
+    }
+    let curve = calibration.range_bias.iter().find(|c| c.scanner == term.scanner)?;
+    Some((&curve.bias_m, &curve.sigma_m))
+}
+
 fn dash() -> String {
     String::from(crate::report::number::UNKNOWN)
 }
@@ -70,8 +85,11 @@ fn row(table: &mut Table, term: &TermSummary, name: &str, [value, sigma, prior, 
     let outcome = match (term.estimated, term.directions_not_seen) {
         (false, _) => String::from("fixed at its nominal value: the data do not ask for it"),
         (true, 0) => String::from("estimated"),
-        (true, _) if term.name == crate::stage::drive::constants::Term::Range.as_str() => {
+        (true, _) if term.name == Term::Range.as_str() => {
             String::from("estimated; a common constant is held near nothing")
+        }
+        (true, _) if Over::ALL.iter().any(|over| over.term().as_str() == term.name) => {
+            String::from("estimated; its mean over the data is held at zero")
         }
         (true, n) => format!("estimated; {n} directions not seen, near nominal"),
     };

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use tieline_filter::CorrectionRow;
 
+use super::curves::{CurveSummary, OverCurveSummary};
 use crate::report::data::{Discrepancies, Discrepancy, FileSummary, Summary, TieCounts, Timing};
 use crate::report::nullable;
 use crate::settings::Setting;
@@ -119,22 +120,6 @@ pub struct EstimateSummary {
     pub prior_sigma: f64,
 }
 
-/// The range bias of a scanner: measured less true range.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub struct CurveSummary {
-    /// Scanner, 0-based.
-    pub scanner: usize,
-    /// Ranges \[m\].
-    #[serde(deserialize_with = "nullable::numbers")]
-    pub range_m: Vec<f64>,
-    /// Bias \[m\].
-    #[serde(deserialize_with = "nullable::numbers")]
-    pub bias_m: Vec<f64>,
-    /// Its standard deviation \[m\].
-    #[serde(deserialize_with = "nullable::numbers")]
-    pub sigma_m: Vec<f64>,
-}
-
 /// `calibration` of the summary.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DriveCalibration {
@@ -144,6 +129,9 @@ pub struct DriveCalibration {
     pub estimates: Vec<EstimateSummary>,
     /// Range bias of the scanners whose range correction is estimated.
     pub range_bias: Vec<CurveSummary>,
+    /// The same over incidence and intensity, where it is estimated or known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub range_bias_over: Vec<OverCurveSummary>,
 }
 
 /// A stretch without GNSS.

@@ -4,10 +4,10 @@ use nalgebra::{Vector3, Vector6};
 use tieline_filter::CorrectionRow;
 
 use crate::report::data::{Discrepancies, Discrepancy, FileSummary, TieCounts, Timing};
+use crate::report::drive::curves::{CurveSummary, OverCurveSummary};
 use crate::report::drive::data::{
-    ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
-    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
-    TieInnovation,
+    ClassSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory, EstimateSummary,
+    InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary, TieInnovation,
 };
 use crate::settings::Setting;
 use crate::stage::drive::again::Gain;
@@ -170,17 +170,27 @@ fn calibration() -> DriveCalibration {
             range_m,
         }
     };
+    let at: Vec<f64> = (30..110).map(|i| (0.1 * f64::from(i)).exp()).collect();
+    let over = OverCurveSummary {
+        scanner: 0,
+        over: String::from("intensity"),
+        bias_m: at.iter().map(|at| 0.001 * (at.ln() - 7.0)).collect(),
+        sigma_m: vec![0.0003; at.len()],
+        at,
+    };
     DriveCalibration {
         terms: vec![
             term(0, "boresight", true, 9.4),
             term(0, "lever arm", false, 0.1),
             term(0, "range correction", true, 14.0),
+            term(0, "range correction over intensity", true, 2.5),
             term(1, "boresight", true, 5.8),
             term(1, "latency", false, 0.2),
             term(1, "range correction", true, 3.0),
         ],
         estimates: estimates.collect(),
         range_bias: vec![curve(0), curve(1)],
+        range_bias_over: vec![over],
     }
 }
 

@@ -8,14 +8,15 @@ use crate::outputs::drive::points::fate;
 use crate::outputs::drive::{corrections, ranges_of_curve};
 use crate::report::data::{Discrepancies, Discrepancy, TieCounts};
 use crate::report::drive::DriveReport;
+use crate::report::drive::curves::{CurveSummary, OverCurveSummary};
 use crate::report::drive::data::{
-    ClassSummary, CurveSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory,
-    EstimateSummary, InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary,
-    TieInnovation,
+    ClassSummary, DriveCalibration, DriveCharts, DriveStrip, DriveSummary, DriveTrajectory, EstimateSummary,
+    InnovationSummary, LargestCorrection, MeasurementCounts, Origin, Outage, PairPoint, TermSummary, TieInnovation,
 };
 use crate::report::drive::{pairs, ranges};
 use crate::stage::drive::calibrated::Calibrated;
 use crate::stage::drive::constants::Term;
+use crate::stage::drive::seen::OverSpline;
 use crate::stage::drive::ties::Class;
 use crate::stage::drive::{DriveSolution, cut};
 
@@ -233,11 +234,11 @@ pub(crate) fn calibration(calibrated: &Calibrated<'_>) -> DriveCalibration {
         directions_not_seen: v.not_seen,
     });
     let mut estimates = Vec::new();
-    for group in constants.groups.iter().filter(|g| g.term != Term::Range) {
+    for group in constants.groups.iter().filter(|g| !g.term.is_curve()) {
         let (unit, factor) = match group.term {
             Term::Boresight => ("deg", 1_f64.to_degrees()),
             Term::Latency => ("s", 1.0),
-            Term::LeverArm | Term::Range => ("m", 1.0),
+            Term::LeverArm | Term::Range | Term::Incidence | Term::Intensity => ("m", 1.0),
         };
         for k in 0..group.prior.nrows() {
             let axis = if group.prior.nrows() == 3 { ["x", "y", "z"][k] } else { "" };
@@ -263,7 +264,19 @@ pub(crate) fn calibration(calibrated: &Calibrated<'_>) -> DriveCalibration {
         }
         Some(curve)
     };
+    let curve_over = |own: &OverSpline| {
+        let (scanner, over) = (own.scanner, String::from(own.over.as_str()));
+        let mut curve = OverCurveSummary { scanner, over, ..OverCurveSummary::default() };
+        for place in own.rows() {
+            let (bias_m, sigma_m) = calibrated.bias_over(own, place)?;
+            curve.at.push(own.over.value(place));
+            curve.bias_m.push(bias_m);
+            curve.sigma_m.push(sigma_m);
+        }
+        Some(curve)
+    };
     DriveCalibration {
+        range_bias_over: constants.over.iter().filter_map(curve_over).filter(|c| !c.at.is_empty()).collect(),
         terms: terms.collect(),
         estimates,
         range_bias: (0..ranges_m.len()).filter_map(curve).filter(|c| !c.range_m.is_empty()).collect(),

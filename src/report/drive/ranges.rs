@@ -4,9 +4,11 @@ use std::fmt::Write as _;
 
 use crate::report::chart::{Band, Chart, Curve, Mark, Panel};
 use crate::report::data::Discrepancy;
-use crate::report::drive::data::{CurveSummary, DifferenceOver, DriveSummary, PairPoint};
+use crate::report::drive::curves::{CurveSummary, OverCurveSummary};
+use crate::report::drive::data::{DifferenceOver, DriveSummary, PairPoint};
 use crate::report::html::{Align, Table, section};
 use crate::report::number::{mm, round_up};
+use crate::stage::drive::over::Over;
 use crate::stage::drive::ties::Class;
 
 const BIAS_LEAD: &str = "Measured less true range of each scanner, with twice its standard deviation either way. It is taken off \
@@ -33,6 +35,13 @@ pub(crate) fn bias(summary: &DriveSummary) -> String {
             let _ = write!(body, "<figure><figcaption>Scanner {}</figcaption>\n{chart}</figure>\n", curve.scanner);
         }
     }
+    for curve in &summary.calibration.range_bias_over {
+        let chart = over_chart(curve);
+        if !chart.is_empty() {
+            let (scanner, over) = (curve.scanner, &curve.over);
+            let _ = write!(body, "<figure><figcaption>Scanner {scanner}, over {over}</figcaption>\n{chart}</figure>\n");
+        }
+    }
     if body.is_empty() {
         return String::new();
     }
@@ -40,7 +49,33 @@ pub(crate) fn bias(summary: &DriveSummary) -> String {
 }
 
 fn bias_chart(curve: &CurveSummary, limit_mm: f64, farthest_m: f64) -> String {
-    let rows = || curve.range_m.iter().zip(curve.bias_m.iter().zip(&curve.sigma_m));
+    let label = format!("Range bias of scanner {} over range", curve.scanner);
+    let of = (curve.range_m.as_slice(), curve.bias_m.as_slice(), curve.sigma_m.as_slice());
+    curve_chart(label, "range, m", (0.0, farthest_m * 1.02), limit_mm, of)
+}
+
+/// Bias over incidence, or over the logarithm of the intensity.
+fn over_chart(curve: &OverCurveSummary) -> String {
+    let is_incidence = curve.over == Over::Incidence.as_str();
+    let at: Vec<f64> = curve.at.iter().map(|at| if is_incidence { *at } else { at.log10() }).collect();
+    let (Some(first), Some(last)) = (at.first(), at.last()) else { return String::new() };
+    let axis = if is_incidence { "incidence, deg" } else { "log10 of intensity" };
+    let limits = if is_incidence { (0.0, 90.0) } else { (*first, *last) };
+    let largest = curve.bias_m.iter().zip(&curve.sigma_m).map(|(b, s)| b.abs() + 2.0 * s).filter(|v| v.is_finite());
+    let limit_mm = round_up(largest.fold(1e-3, f64::max) * 1e3);
+    let label = format!("Range bias of scanner {} over {}", curve.scanner, curve.over);
+    curve_chart(label, axis, limits, limit_mm, (&at, &curve.bias_m, &curve.sigma_m))
+}
+
+/// A curve of a bias \[m\] with its standard deviation \[m\].
+fn curve_chart(
+    label: String,
+    axis: &str,
+    limits: (f64, f64),
+    limit_mm: f64,
+    (at, bias_m, sigma_m): (&[f64], &[f64], &[f64]),
+) -> String {
+    let rows = || at.iter().zip(bias_m.iter().zip(sigma_m));
     let band = rows().map(|(r, (b, s))| (*r, (b - 2.0 * s) * 1e3, (b + 2.0 * s) * 1e3)).collect();
     let line = rows().map(|(r, (b, _))| (*r, b * 1e3)).collect();
     let panel = Panel {
@@ -52,9 +87,9 @@ fn bias_chart(curve: &CurveSummary, limit_mm: f64, farthest_m: f64) -> String {
     };
     let legend = [("line", "measured less true"), ("band", "± 2 sigma")];
     Chart {
-        label: format!("Range bias of scanner {} over range", curve.scanner),
-        axis: String::from("range, m"),
-        limits: (0.0, farthest_m * 1.02),
+        label,
+        axis: String::from(axis),
+        limits,
         shaded: Vec::new(),
         panels: vec![panel],
         legend: legend.map(|(shape, words)| (shape, "after", String::from(words))).into(),
@@ -63,8 +98,8 @@ fn bias_chart(curve: &CurveSummary, limit_mm: f64, farthest_m: f64) -> String {
 }
 
 /// What differences are binned over: name, axis, value of a pair \[m\].
-type Over = (&'static str, &'static str, fn(&PairPoint) -> f64);
-const OVER: [Over; 2] = [
+type Binned = (&'static str, &'static str, fn(&PairPoint) -> f64);
+const OVER: [Binned; 2] = [
     ("range", "range, m", |p| p.range_m),
     ("lateral distance", "lateral distance, m (right of the vehicle above zero)", |p| p.lateral_m),
 ];

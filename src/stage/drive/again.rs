@@ -150,7 +150,8 @@ pub fn measure_again(
         let centroid_m = patch.centroid_m + origin_m;
         let (pose, beam) = beam_of(trajectory, constants, patch, &centroid_m, &centroid_m)?;
         let moved = correction.moved(&pose, &beam)?;
-        Motion::new(patch, &moved, &beam.patch.rays_m, &origin_m, |range_m| correction.longer_m(beam.scanner, range_m))
+        let longer_m = |ray_m: &Vector3<f64>, range_m: f64| correction.longer_m(&beam, ray_m, range_m);
+        Motion::new(patch, &moved, &beam.patch.rays_m, &origin_m, longer_m)
     };
     let motions: Vec<Option<Motion>> = patches.all.par_iter().map(motion_of).collect();
     // rows of patches that can be moved, and the patches where they come to lie

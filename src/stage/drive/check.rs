@@ -8,7 +8,7 @@ use tieline_filter::Trajectory;
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_matching::SourceRule;
 
-use super::constants::{Constants, Term};
+use super::constants::Constants;
 use super::ties::DriveLine;
 use super::{NO_CRS, NO_TRAJECTORY, clock_shift_s};
 use crate::job::Matched;
@@ -197,7 +197,7 @@ pub fn misfits(constants: &Constants, values: &[f64], lines: &[DriveLine]) -> Ve
     for group in &constants.groups {
         for (k, i) in group.constants().enumerate() {
             let ratio = values[i].abs() / group.prior[(k, k)].sqrt();
-            if ratio > FAR_OFF && group.term != Term::Range {
+            if ratio > FAR_OFF && !group.term.is_curve() {
                 let axis = if group.prior.nrows() == 3 { ["x", "y", "z"][k] } else { "" };
                 notes.push(format!(
                     "warning: scanner {}, {} {axis}: {:.3} from its nominal value, {ratio:.0} times what was to be expected: check the platform's axes (x forward, \

@@ -8,9 +8,13 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, Rotation3, UnitQuaternion, Vector3};
 use tieline_graph::Calibration;
 
-use super::curve::RangeSpline;
+use super::curve::{RangeSpline, Weights};
 use super::known::Known;
+use super::over::{Over, OverCurve, Target};
+use super::seen::{OverSpline, Seen};
 use crate::project::Project;
+
+pub use super::spread::Spread;
 
 /// Standard deviation of a scanner's clock beforehand \[s\].
 const LATENCY_SIGMA_S: f64 = 2e-4;
@@ -35,11 +39,16 @@ pub enum Term {
     Latency,
     /// Range correction \[m\]: coefficients of a spline.
     Range,
+    /// Range correction over the angle between beam and normal \[m\]: coefficients of a spline.
+    Incidence,
+    /// Range correction over the intensity \[m\]: coefficients of a spline.
+    Intensity,
 }
 
 impl Term {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range];
+    pub const ALL: [Self; 6] =
+        [Self::Boresight, Self::LeverArm, Self::Latency, Self::Range, Self::Incidence, Self::Intensity];
 
     /// The name used in reports.
     #[must_use]
@@ -49,7 +58,15 @@ impl Term {
             Self::LeverArm => "lever arm",
             Self::Latency => "latency",
             Self::Range => "range correction",
+            Self::Incidence => "range correction over incidence",
+            Self::Intensity => "range correction over intensity",
         }
+    }
+
+    /// Whether its constants are coefficients of a curve.
+    #[must_use]
+    pub fn is_curve(self) -> bool {
+        matches!(self, Self::Range | Self::Incidence | Self::Intensity)
     }
 }
 
@@ -81,6 +98,8 @@ pub struct Constants {
     pub groups: Vec<Group>,
     /// Splines of range corrections, by scanner.
     pub splines: Vec<RangeSpline>,
+    /// Splines of corrections over incidence and intensity, where these are asked for.
+    pub over: Vec<OverSpline>,
     lever_arms_m: Vec<Vector3<f64>>,
     axes: Vec<Vector3<f64>>,
     known: Vec<Known>,
@@ -99,49 +118,19 @@ pub struct Beam {
     pub rate_body_radps: Vector3<f64>,
     /// The patch that the feature is of.
     pub patch: Spread,
-}
-
-/// How the rays of a patch's points spread: its plane was fitted to all of them, and what bends over a patch does not show at its feature alone.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Spread {
-    /// Change of the ray for one standard deviation of the points, along either axis of the patch, body axes \[m\].
-    pub rays_m: [Vector3<f64>; 2],
-    /// The feature from the centroid, in those standard deviations.
-    pub feature: [f64; 2],
-}
-
-impl Spread {
-    /// Places over the patch, from the feature, with the share that each has in the height of the fitted plane at the feature: least squares over
-    /// a uniformly filled rectangle of these standard deviations, `(1 + a s + b t) dA`, by the three points of Gauss in either direction
-    /// (exact to the fifth power).
-    fn nodes(&self) -> [(Vector3<f64>, f64); 9] {
-        const NODES: [(f64, f64); 3] =
-            [(-1.341_640_786_499_874, 5.0 / 18.0), (0.0, 8.0 / 18.0), (1.341_640_786_499_874, 5.0 / 18.0)];
-        let ([u, v], [a, b]) = (self.rays_m, self.feature);
-        std::array::from_fn(|k| {
-            let ((s, p), (t, q)) = (NODES[k / 3], NODES[k % 3]);
-            (u * (s - a) + v * (t - b), p * q * (1.0 + a * s + b * t))
-        })
-    }
-
-    /// A longer ray as the fitted plane shows it at the feature: the mean of `r/ρ f(ρ)` over the patch.
-    pub fn mean_m(&self, ray_m: &Vector3<f64>, mut longer_m: impl FnMut(f64) -> f64) -> Vector3<f64> {
-        self.nodes().iter().fold(Vector3::zeros(), |sum, (off_m, share)| {
-            let ray_m = ray_m + off_m;
-            let range_m = ray_m.norm().max(1e-3);
-            sum + ray_m * (share * longer_m(range_m) / range_m)
-        })
-    }
+    /// What it met.
+    pub target: Target,
 }
 
 impl Constants {
     /// The constants of a project's scanners that are wanted, beyond what is known of each; ranges \[m\] reach from the nearest to the
-    /// farthest in use, for each.
+    /// farthest in use, for each; over what else corrections are estimated, and where there are data for it, is in `seen`.
     #[must_use]
     pub fn new(
         project: &Project,
         known: &[Known],
         ranges_m: &[(f64, f64)],
+        seen: &[Seen],
         wanted: impl Fn(usize, Term) -> bool,
     ) -> Self {
         let section = &project.calibrate;
@@ -156,15 +145,22 @@ impl Constants {
         };
         let splines: Vec<RangeSpline> =
             ranges_m.iter().map(|(near_m, far_m)| RangeSpline::new(*near_m, *far_m, KNOT_LN)).collect();
+        let over: Vec<OverSpline> = seen.iter().filter_map(OverSpline::new).collect();
         let mut groups = Vec::new();
         let mut first = 0;
         for (scanner, spline) in splines.iter().enumerate() {
             for term in Term::ALL {
+                let of_over = |asked: Over| {
+                    let found = over.iter().find(|o| (o.scanner, o.over) == (scanner, asked));
+                    (found.is_some(), found.map_or_else(|| DMatrix::zeros(0, 0), |o| o.prior.clone()))
+                };
                 let (asked, prior) = match term {
                     Term::Boresight => (section.boresight, axes(section.boresight_sigma_deg.to_radians())),
                     Term::LeverArm => (section.lever_arm, axes(section.lever_arm_sigma_m)),
                     Term::Latency => (section.latency, DMatrix::from_element(1, 1, LATENCY_SIGMA_S.powi(2))),
-                    Term::Range => (section.range_offset || section.range_scale, range_prior(spline)),
+                    Term::Range => (section.has_range_curve(), range_prior(spline)),
+                    Term::Incidence => of_over(Over::Incidence),
+                    Term::Intensity => of_over(Over::Intensity),
                 };
                 if section.enabled && asked && wanted(scanner, term) {
                     let count = prior.nrows();
@@ -176,6 +172,7 @@ impl Constants {
         Self {
             groups,
             splines,
+            over,
             lever_arms_m: (0..ranges_m.len()).map(lever_arm).collect(),
             axes: (0..ranges_m.len()).map(axis).collect(),
             known: known.to_vec(),
@@ -225,20 +222,25 @@ impl Constants {
                 Term::LeverArm => AXES.iter().enumerate().for_each(|(k, axis)| put(k, *axis)),
                 Term::Latency => put(0, beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)),
                 Term::Range => {
-                    let mut by_knot: BTreeMap<usize, Vector3<f64>> = BTreeMap::new();
-                    for (off_m, share) in beam.patch.nodes() {
-                        let ray_m = ray_m + off_m;
-                        let range_m = ray_m.norm().max(1e-3);
-                        let (knot, weights) = self.splines[beam.scanner].weights(range_m);
-                        for (k, w) in weights.iter().enumerate() {
-                            *by_knot.entry(knot + k).or_default() += ray_m * (share * w / range_m);
-                        }
-                    }
-                    by_knot.into_iter().for_each(|(k, by)| put(k, by));
+                    let spline = &self.splines[beam.scanner];
+                    of_curve(beam, &ray_m, |_, range_m| spline.weights(range_m))
+                        .into_iter()
+                        .for_each(|(k, by)| put(k, by));
+                }
+                Term::Incidence | Term::Intensity => {
+                    let Some(own) = self.over(group.scanner, group.term) else { continue };
+                    let weights = |ray_m: &Vector3<f64>, _| own.spline.weights(own.over.place(&beam.target, ray_m));
+                    of_curve(beam, &ray_m, weights).into_iter().for_each(|(k, by)| put(k, by));
                 }
             }
         }
         rows
+    }
+
+    /// The spline of a scanner's correction over incidence or intensity.
+    #[must_use]
+    pub fn over(&self, scanner: usize, term: Term) -> Option<&OverSpline> {
+        self.over.iter().find(|o| (o.scanner, o.over.term()) == (scanner, term))
     }
 
     /// From the scanner to the feature \[m\].
@@ -274,6 +276,18 @@ impl Constants {
         known.into_iter().chain(estimated).collect()
     }
 
+    /// The same over incidence and intensity.
+    #[must_use]
+    pub fn over_curves(&self, scanner: usize, values: &[f64]) -> Vec<OverCurve> {
+        let known = self.known.get(scanner).map_or_else(Vec::new, |k| k.over.clone());
+        let estimated = self.over.iter().filter(|o| o.scanner == scanner).filter_map(|o| {
+            let first = self.first(scanner, o.over.term())?;
+            let coefficients_m = values[first..first + o.spline.coefficients()].to_vec();
+            Some(OverCurve { over: o.over, spline: o.spline, coefficients_m })
+        });
+        known.into_iter().chain(estimated).collect()
+    }
+
     /// Nominal lever arm of a scanner, body frame \[m\].
     #[must_use]
     pub fn lever_arm_m(&self, scanner: usize) -> Vector3<f64> {
@@ -296,6 +310,24 @@ impl Constants {
 
 const AXES: [Vector3<f64>; 3] = [Vector3::new(1.0, 0.0, 0.0), Vector3::new(0.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 1.0)];
 
+/// What a body vector changes by with each coefficient of a curve that makes rays longer, as the plane through the patch shows it.
+fn of_curve(
+    beam: &Beam,
+    ray_m: &Vector3<f64>,
+    weights: impl Fn(&Vector3<f64>, f64) -> Weights,
+) -> BTreeMap<usize, Vector3<f64>> {
+    let mut by_knot: BTreeMap<usize, Vector3<f64>> = BTreeMap::new();
+    for (off_m, share) in beam.patch.nodes() {
+        let ray_m = ray_m + off_m;
+        let range_m = ray_m.norm().max(1e-3);
+        let (knot, weights) = weights(&ray_m, range_m);
+        for (k, w) in weights.iter().enumerate() {
+            *by_knot.entry(knot + k).or_default() += ray_m * (share * w / range_m);
+        }
+    }
+    by_knot
+}
+
 /// Three axes of equal standard deviation.
 fn axes(sigma: f64) -> DMatrix<f64> {
     DMatrix::from_diagonal_element(3, 3, sigma * sigma)
@@ -313,42 +345,4 @@ fn range_prior(spline: &RangeSpline) -> DMatrix<f64> {
             + RANGE_SCALE_SIGMA.powi(2) * a.exp() * b.exp()
             + RANGE_BEND_SIGMA_M.powi(2) * (bend + own)
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_longer_ray_is_seen_as_the_plane_through_the_patch_shows_it() {
-        // a wall 6 m to the right, 1 m high and half as wide, and rays that become longer by a bend of the second order
-        let (along, up) = (Vector3::new(1.0, 0.0, 0.0), Vector3::new(0.0, 0.0, -1.0));
-        let centroid_m = Vector3::new(5.0, 6.0, -4.0);
-        let (half_along_m, half_up_m) = (0.25, 0.5);
-        let longer_m = |range_m: f64| 0.004 * (range_m - 8.5).powi(2);
-        let spreads = [half_up_m / 3.0_f64.sqrt(), half_along_m / 3.0_f64.sqrt()];
-        let at = [0.8, -0.5];
-        let patch = Spread { rays_m: [up * spreads[0], along * spreads[1]], feature: at };
-        let feature_m = centroid_m + patch.rays_m[0] * at[0] + patch.rays_m[1] * at[1];
-        let found_m = patch.mean_m(&feature_m, longer_m).y;
-        // least squares through a fine grid of points, evaluated at the feature
-        let (mut mean, mut slopes) = (0.0, [0.0; 2]);
-        let n = 200;
-        for i in 0..n {
-            for k in 0..n {
-                let step = |m: usize| (f64::from(u32::try_from(m).expect("small")) + 0.5) / 100.0 - 1.0;
-                let place = centroid_m + up * (step(i) * half_up_m) + along * (step(k) * half_along_m);
-                let off_m = place.y / place.norm() * longer_m(place.norm());
-                mean += off_m;
-                slopes[0] += off_m * step(i) * half_up_m / spreads[0];
-                slopes[1] += off_m * step(k) * half_along_m / spreads[1];
-            }
-        }
-        let count = f64::from(u32::try_from(n * n).expect("small"));
-        let expected_m = (mean + slopes[0] * at[0] + slopes[1] * at[1]) / count;
-        assert!((found_m - expected_m).abs() < 1e-6, "{found_m} {expected_m}");
-        // at the feature alone it would be another
-        let alone_m = feature_m.y / feature_m.norm() * longer_m(feature_m.norm());
-        assert!((alone_m - expected_m).abs() > 2e-5, "{alone_m} {expected_m}");
-    }
 }

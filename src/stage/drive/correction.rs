@@ -7,6 +7,7 @@ use tieline_graph::Calibration;
 
 use super::constants::{Beam, Constants};
 use super::curve::RangeSpline;
+use super::over::{self, OverCurve};
 use super::{DriveSolution, held_pose_at};
 
 /// The calibration of one scanner, known and estimated, as corrections.
@@ -20,6 +21,9 @@ pub struct ScannerCorrection {
     pub latency_s: f64,
     /// Range corrections, to be added: splines and coefficients \[m\].
     pub ranges: Vec<(RangeSpline, Vec<f64>)>,
+    /// Those over incidence and intensity.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub over: Vec<OverCurve>,
 }
 
 /// Where a beam belongs, its range left as it was measured.
@@ -59,6 +63,7 @@ impl DriveCorrection {
             calibration: constants.calibration(scanner, values),
             latency_s: constants.latency_s(scanner, values),
             ranges: constants.range_curves(scanner, values),
+            over: constants.over_curves(scanner, values),
         });
         Self { trajectory, scanners: scanners.collect() }
     }
@@ -83,10 +88,13 @@ impl DriveCorrection {
         })
     }
 
-    /// What a scanner's range correction adds to a range \[m\].
+    /// What the range corrections of a beam's scanner add to a ray of the patch that it met, nominal body axes, of a range \[m\].
     #[must_use]
-    pub fn longer_m(&self, scanner: usize, range_m: f64) -> f64 {
-        self.scanners.get(scanner).map_or(0.0, |s| s.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum())
+    pub fn longer_m(&self, beam: &Beam, ray_m: &Vector3<f64>, range_m: f64) -> f64 {
+        self.scanners.get(beam.scanner).map_or(0.0, |s| {
+            let of_range: f64 = s.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum();
+            of_range + over::longer_m(&s.over, &beam.target, ray_m)
+        })
     }
 
     /// The new pose at a time of the strips' clock, held a moment beyond the ends.

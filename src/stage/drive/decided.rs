@@ -3,12 +3,15 @@
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
-use tieline_filter::CalibrationEstimate;
+use tieline_filter::{CalibrationEstimate, TieFit};
 
+use super::choose::Chosen;
 use super::constants::{Constants, Term};
 use super::correction::DriveCorrection;
 use super::merge::Part;
 use super::need::{Verdict, judge};
+use super::spots::factor_after;
+use super::ties::DriveLine;
 use super::variance::Factors;
 
 /// What an adjustment decides before its last pass; with these another one goes there at once.
@@ -54,6 +57,17 @@ impl Decisions {
         self.verdicts.extend(judged);
         self.verdicts.sort_by_key(|v| (v.scanner, v.term));
         settled
+    }
+
+    /// Takes the sigmas of ties from how they fit a solution that was made with those before, spots standing after lines; whether those of lines are about the same.
+    pub fn learn_sigmas(&mut self, fits: &[TieFit], lines: &[DriveLine], chosen: &Chosen) -> bool {
+        let first_spot = chosen.ties.len();
+        let of_lines: Vec<TieFit> = fits.iter().filter(|f| f.tie < first_spot).copied().collect();
+        let found = self.factors.after(&of_lines, lines, chosen);
+        self.of_spots = factor_after(fits, first_spot, self.of_spots);
+        let is_near = found.is_near(&self.factors);
+        self.factors = found;
+        is_near
     }
 
     /// Whether a term is in the adjustment.

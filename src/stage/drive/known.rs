@@ -11,6 +11,7 @@ use serde::Deserialize;
 
 use super::constants::{Beam, Term};
 use super::curve::RangeSpline;
+use super::over::{self, Over, OverCurve, Target};
 use crate::project::{PlatformSection, Project, ScannerSection};
 
 /// What is known of a scanner against the platform that the strips were made with.
@@ -24,17 +25,24 @@ pub struct Known {
     pub latency_s: f64,
     /// Range corrections, to be added: splines and coefficients \[m\].
     pub ranges: Vec<(RangeSpline, Vec<f64>)>,
+    /// Those over incidence and intensity.
+    pub over: Vec<OverCurve>,
 }
 
 impl Known {
     /// The beam with the known calibration in its body vector; `lever_arm_m` is that of the platform.
     #[must_use]
     pub fn applied(&self, beam: &Beam, lever_arm_m: &Vector3<f64>) -> Beam {
-        let ray_m = Rotation3::new(self.boresight_rad) * (beam.body_vector_m - lever_arm_m);
-        let longer = |range_m: f64| self.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum();
+        let turned = Rotation3::new(self.boresight_rad);
+        let ray_m = turned * (beam.body_vector_m - lever_arm_m);
+        let target = Target { normal_body: turned * beam.target.normal_body, ..beam.target };
+        let longer = |ray_m: &Vector3<f64>, range_m: f64| {
+            let of_range: f64 = self.ranges.iter().map(|(spline, c)| spline.at(c, range_m)).sum();
+            of_range + over::longer_m(&self.over, &target, ray_m)
+        };
         let longer_m = beam.patch.mean_m(&ray_m, longer);
         let moved = (beam.velocity_body_mps + beam.rate_body_radps.cross(&beam.body_vector_m)) * self.latency_s;
-        Beam { body_vector_m: lever_arm_m + self.lever_arm_m + ray_m + longer_m + moved, ..*beam }
+        Beam { body_vector_m: lever_arm_m + self.lever_arm_m + ray_m + longer_m + moved, target, ..*beam }
     }
 }
 
@@ -110,6 +118,8 @@ struct File {
     latency: Vec<Latency>,
     #[serde(default)]
     range_correction: Vec<RangeCorrection>,
+    #[serde(default)]
+    range_correction_over: Vec<CorrectionOver>,
 }
 
 #[derive(Deserialize)]
@@ -123,6 +133,15 @@ struct RangeCorrection {
     scanner: u16,
     first_m: f64,
     last_m: f64,
+    coefficients_m: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+struct CorrectionOver {
+    scanner: u16,
+    over: Over,
+    first: f64,
+    last: f64,
     coefficients_m: Vec<f64>,
 }
 
@@ -173,14 +192,24 @@ pub fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, K
             limited("latency_s", &[latency_s], MOST_LATENCY_S, "seconds, less than one, are due")?;
             let turned = body_from_scanner(&known) * body_from_scanner(&nominal).inverse();
             let wrong = |what| KnownError::Range { path: path.to_path_buf(), scanner: id, what };
+            let check = |coefficients_m: &[f64]| match coefficients_m.iter().all(|c| c.abs() <= MOST_RANGE_M) {
+                true => Ok(()),
+                false => Err(wrong("holds a coefficient that is not a number, or beyond a metre")),
+            };
             let curve = |r: &RangeCorrection| {
-                if !r.coefficients_m.iter().all(|c| c.abs() <= MOST_RANGE_M) {
-                    return Err(wrong("holds a coefficient that is not a number, or beyond a metre"));
-                }
+                check(&r.coefficients_m)?;
                 let spline = RangeSpline::of_coefficients(r.first_m, r.last_m, r.coefficients_m.len())
                     .ok_or_else(|| wrong("needs 0 < first_m < last_m and four coefficients or more"))?;
                 Ok((spline, r.coefficients_m.clone()))
             };
+            let curve_over = |r: &CorrectionOver| {
+                check(&r.coefficients_m)?;
+                let spline = r.over.spline_of(r.first, r.last, r.coefficients_m.len()).ok_or_else(|| {
+                    wrong("over incidence or intensity needs first < last on its scale and four coefficients or more")
+                })?;
+                Ok(OverCurve { over: r.over, spline, coefficients_m: r.coefficients_m.clone() })
+            };
+            let over = file.range_correction_over.iter().filter(|r| r.scanner == id && is_taken(r.over.term()));
             let curves = file.range_correction.iter().filter(|r| r.scanner == id && is_taken(Term::Range));
             Ok(Known {
                 boresight_rad: if is_taken(Term::Boresight) { turned.scaled_axis() } else { Vector3::zeros() },
@@ -191,6 +220,7 @@ pub fn parse(text: &str, path: &Path, project: &Project) -> Result<Vec<Known>, K
                 },
                 latency_s: if is_taken(Term::Latency) { latency_s } else { 0.0 },
                 ranges: curves.map(curve).collect::<Result<_, _>>()?,
+                over: over.map(curve_over).collect::<Result<_, _>>()?,
             })
         })
         .collect()
@@ -223,6 +253,7 @@ mod tests {
             velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
             rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
             patch: Spread::default(),
+            target: Target { normal_body: Vector3::new(-0.6, 0.8, 0.0), intensity: 900.0 },
         }
     }
 
@@ -237,7 +268,9 @@ mod tests {
     fn every_term_moves_the_beam_as_its_equation_says_and_only_when_it_is_taken() {
         let file = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.1, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
                     boresight_deg = [0.1, 0.0, 0.0]\n[[latency]]\nscanner = 0\nlatency_s = 0.001\n\
-                    [[range_correction]]\nscanner = 0\nfirst_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n";
+                    [[range_correction]]\nscanner = 0\nfirst_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n\
+                    [[range_correction_over]]\nscanner = 0\nover = \"incidence\"\nfirst = 0.0\nlast = 80.0\ncoefficients_m = [0.001, 0.001, 0.001, 0.001]\n\
+                    [[range_correction_over]]\nscanner = 0\nover = \"intensity\"\nfirst = 10.0\nlast = 9000.0\ncoefficients_m = [0.002, 0.002, 0.002, 0.002]\n";
         let moved = |more: &str| {
             let known = parse(file, Path::new("c.toml"), &project(more)).expect("known");
             known[0].applied(&beam(), &Vector3::new(1.0, 0.2, -0.3)).body_vector_m - beam().body_vector_m
@@ -247,10 +280,12 @@ mod tests {
         let latency = (Vector3::new(10.0, 0.0, 0.0) + Vector3::new(0.0, 0.0, 0.2).cross(&beam().body_vector_m)) * 0.001;
         let range = ray.normalize() * 0.004;
         for (more, expected) in [
-            ("", arm + latency + range),
+            ("", arm + latency + range * 1.75),
             ("known_terms = [\"lever_arm\"]\n", arm),
             ("known_terms = [\"latency\"]\n", latency),
             ("known_terms = [\"range\"]\n", range),
+            ("known_terms = [\"incidence\"]\n", range * 0.25),
+            ("known_terms = [\"intensity\"]\n", range * 0.5),
             ("known_terms = []\n", Vector3::zeros()),
         ] {
             assert!((moved(more) - expected).norm() < 1e-12, "{more}: {} {expected}", moved(more));
@@ -274,6 +309,15 @@ mod tests {
         refuse(&with("[0.0, 0.0, 0.0, nan]", "20.0"), "not a number");
         refuse(&with("[0.0, 0.0, 0.0, 0.0]", "1.0"), "first_m < last_m");
         refuse(&with("[0.0, 0.0, 0.0, 1e9]", "20.0"), "beyond a metre");
+        let over = |over: &str, last: &str, coefficients: &str| {
+            format!(
+                "{PLATFORM}[[range_correction_over]]\nscanner = 0\nover = \"{over}\"\nfirst = 2.0\nlast = {last}\ncoefficients_m = {coefficients}\n"
+            )
+        };
+        refuse(&over("incidence", "95.0", "[0.0, 0.0, 0.0, 0.0]"), "first < last on its scale");
+        refuse(&over("intensity", "1.0", "[0.0, 0.0, 0.0, 0.0]"), "first < last on its scale");
+        refuse(&over("intensity", "9.0", "[0.0, 0.0, 0.0, inf]"), "beyond a metre");
+        refuse(&over("colour", "9.0", "[0.0, 0.0, 0.0, 0.0]"), "colour");
         refuse(&PLATFORM.replace("[1.0, 0.2", "[nan, 0.2"), "lever_arm_m of scanner 0 is [NaN");
         refuse(&PLATFORM.replace("135.0]", "inf]"), "mounting_deg");
         refuse(&PLATFORM.replace("[0.1, 0.0, 0.0]", "[1e300, 0.0, 0.0]"), "boresight_deg");
@@ -283,7 +327,8 @@ mod tests {
     /// All that a file may hold.
     const WHOLE: &str = "[platform]\n[[platform.scanner]]\nid = 0\nlever_arm_m = [1.1, 0.2, -0.3]\nmounting_deg = [0.0, 20.0, 135.0]\n\
                          boresight_deg = [0.1, 0.0, 0.0]\n[[latency]]\nscanner = 0\nlatency_s = 0.001\n[[range_correction]]\nscanner = 0\n\
-                         first_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n";
+                         first_m = 2.0\nlast_m = 20.0\ncoefficients_m = [0.004, 0.004, 0.004, 0.004]\n[[range_correction_over]]\nscanner = 0\nover = \"intensity\"\n\
+                         first = 10.0\nlast = 9000.0\ncoefficients_m = [0.002, 0.002, 0.002, 0.002]\n";
 
     proptest::proptest! {
         #![proptest_config(proptest::prelude::ProptestConfig::with_cases(4000))]

@@ -19,9 +19,13 @@ pub mod merge;
 pub mod motion;
 pub mod need;
 mod notes;
+pub mod over;
 pub mod residuals;
+pub mod seen;
 pub mod spots;
+pub mod spread;
 pub mod stray;
+pub mod surfaces;
 pub mod ties;
 pub mod variance;
 
@@ -37,11 +41,12 @@ use crate::stage::ties::Ties;
 use again::{MeasuredAgain, measure_again};
 use calibrated::Calibrated;
 use choose::{Chosen, choose};
-use constants::Constants;
+use constants::{Constants, Term};
 use correction::DriveCorrection;
 pub use decided::{Decided, Decisions};
 use known::Known;
 pub(crate) use notes::notes_of_terms;
+use seen::{Seen, seen_of};
 use spots::{PointTie, point_ties};
 use ties::{DriveLine, Sighted, range_span, sighted};
 
@@ -150,6 +155,8 @@ pub struct Prepared<'a> {
     pub ranges_m: Vec<(f64, f64)>,
     /// The same with the half per cent at either end left out \[m\].
     pub inner_ranges_m: Vec<(f64, f64)>,
+    /// Where the ends of each scanner lie on the scales of incidence and intensity, where corrections over these are asked for or known.
+    pub over: Vec<Seen>,
     /// What is to be said of the platform.
     pub notes: Vec<String>,
 }
@@ -185,7 +192,7 @@ impl<'a> Prepared<'a> {
         let clock_shift_s = clock_shift_s(&matched.survey.clock, &measurements.clock);
         check::parts(project, matched, measurements, clock_shift_s)?;
         let scanners = matched.strips.scanner_numbers().len();
-        let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], |_, _| false);
+        let none = Constants::new(project, known, &vec![(1.0, 100.0); scanners], &[], |_, _| false);
         let sighted = clock.time("choose", || sighted(matched, None, crs, &none, clock_shift_s))?;
         let seen = sighted.delivered();
         if seen.is_empty() {
@@ -193,7 +200,9 @@ impl<'a> Prepared<'a> {
                 "no surface is seen twice from the trajectory: check that strips, trajectory and IMU are of one drive"
             );
         }
-        let notes = check::mounting(project, &check::beams_of(seen))?;
+        let mut notes = check::mounting(project, &check::beams_of(seen))?;
+        let over = seen_of(project, known, &sighted, &none);
+        notes.extend(over.iter().filter_map(Seen::note));
         let ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.0)).collect();
         let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.005)).collect();
         let mut options = options(project)?;
@@ -213,6 +222,7 @@ impl<'a> Prepared<'a> {
             sighted,
             ranges_m,
             inner_ranges_m,
+            over,
             notes,
         })
     }
@@ -223,7 +233,7 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// When a place cannot be projected.
     fn measure_again(&mut self, correction: &DriveCorrection, times: usize, clock: &mut Clock) -> Result<f64> {
-        let none = Constants::new(self.project, self.known, &self.ranges_m, |_, _| false);
+        let none = Constants::new(self.project, self.known, &self.ranges_m, &[], |_, _| false);
         let mut again = clock.time("ties again", || measure_again(self.matched, self.delivered, &none, correction));
         let changed = again.changed(self.again.as_ref());
         again.gain.times = times;
@@ -257,7 +267,7 @@ impl<'a> Prepared<'a> {
         loop {
             let adjusted = match at_hand.take() {
                 Some((constants, lines)) => self.adjust_lines(constants, lines, decisions, rounds, clock)?,
-                None => self.adjust(&self.ranges_m, decisions, rounds, clock)?,
+                None => self.adjust(&self.ranges_m, &self.over, decisions, rounds, clock)?,
             };
             if decisions.judge(&adjusted.constants, &adjusted.solution.calibration) {
                 return Ok(adjusted);
@@ -265,7 +275,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Adjusts with the terms that are decided for, range splines over `ranges_m`, until the factors of the variances settle; `rounds` counts
+    /// Adjusts with the terms that are decided for, range splines over `ranges_m`, others over what was `seen`, until the factors of the variances settle; `rounds` counts
     /// how often they have been found already.
     ///
     /// # Errors
@@ -273,11 +283,13 @@ impl<'a> Prepared<'a> {
     pub fn adjust(
         &self,
         ranges_m: &[(f64, f64)],
+        seen: &[Seen],
         decisions: &mut Decisions,
         rounds: &mut usize,
         clock: &mut Clock,
     ) -> Result<Adjusted> {
-        let constants = Constants::new(self.project, self.known, ranges_m, |s, term| decisions.takes(s, term));
+        let wanted = |s, term: Term| decisions.takes(s, term) && over::is_asked(self.project, term);
+        let constants = Constants::new(self.project, self.known, ranges_m, seen, wanted);
         let lines = clock.time("choose", || self.sighted.lines(&constants));
         self.adjust_lines(constants, lines, decisions, rounds, clock)
     }
@@ -298,8 +310,7 @@ impl<'a> Prepared<'a> {
                 choose(lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s)
             });
             let all = point_ties(self.matched, self.crs, &constants, self.clock_shift_s, decisions.of_spots)?;
-            let first = chosen.ties.len();
-            let points = spots::thinned(&all, first as u64);
+            let points = spots::thinned(&all, chosen.ties.len() as u64);
             let ties = chosen.ties.iter().chain(points.iter().map(|p| &p.tie)).cloned().collect();
             let inputs = Inputs { ties, ..self.measurements.inputs.clone() };
             let solution = clock.time("smoother", || smooth(self.project, &inputs, &options))?;
@@ -307,15 +318,9 @@ impl<'a> Prepared<'a> {
         };
         while *rounds < MOST_ROUNDS {
             let (chosen, _, inputs, solution) = once(&mut lines, decisions, MOST_LIVE_IN_ROUNDS, clock)?;
-            let first = chosen.ties.len();
-            let of_lines: Vec<_> = solution.tie_fits.iter().filter(|f| f.tie < first).copied().collect();
-            let found = decisions.factors.after(&of_lines, &lines, &chosen);
-            let of_spots = spots::factor_after(&solution.tie_fits, first, decisions.of_spots);
+            let is_near = decisions.learn_sigmas(&solution.tie_fits, &lines, &chosen);
             // strays are looked for once the first adjustment is there
-            let settled = *rounds > 0 && found.is_near(&decisions.factors);
-            *rounds = if settled { MOST_ROUNDS } else { *rounds + 1 };
-            decisions.factors = found;
-            decisions.of_spots = of_spots;
+            *rounds = if *rounds > 0 && is_near { MOST_ROUNDS } else { *rounds + 1 };
             let trajectory = self.trajectory(&solution, &inputs)?;
             decisions.strays = stray::find(&lines, &solution.calibration.value, &trajectory, self.clock_shift_s);
         }
@@ -381,14 +386,7 @@ pub fn solve(
     let mut notes = notes::notes_of(&chosen, &solution, &decisions.verdicts);
     notes.extend(drive.again.as_ref().map(|again| again.gain.note()));
     notes.extend(decisions.factors.note());
-    if !points.1.is_empty() {
-        notes.push(format!(
-            "{} of {} spots of pavement went to the smoother; their sigmas, as they turned out over as measured: {:.2}",
-            points.1.len(),
-            points.0.len(),
-            decisions.of_spots.sqrt()
-        ));
-    }
+    notes.extend(spots::note(&points, decisions.of_spots));
     let astray = decisions.strays.len();
     notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
     notes.extend(drive.notes);

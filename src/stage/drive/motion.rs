@@ -28,7 +28,7 @@ impl Motion {
     }
 
     /// The motion of a patch whose centroid is the end of a beam: as the correction moves that, and as rays that become longer by so much move the plane
-    /// that is fitted to all points: its centroid by their mean, its axes by what they differ over it. `rays_m` is what the ray changes by for one standard
+    /// that is fitted to all points: its centroid by their mean, its axes by what they differ over it. Longer they become by ray and range \[m\]. `rays_m` is what the ray changes by for one standard
     /// deviation of the points along either axis, nominal body axes. `None` for what is no number.
     #[must_use]
     pub fn new(
@@ -36,11 +36,11 @@ impl Motion {
         moved: &Moved,
         rays_m: &[Vector3<f64>; 2],
         origin_m: &Vector3<f64>,
-        longer_m: impl Fn(f64) -> f64,
+        longer_m: impl Fn(&Vector3<f64>, f64) -> f64,
     ) -> Option<Self> {
         let longer = |ray_m: Vector3<f64>| {
             let range_m = ray_m.norm().max(1e-3);
-            moved.map_from_body * ray_m * (longer_m(range_m) / range_m)
+            moved.map_from_body * ray_m * (longer_m(&ray_m, range_m) / range_m)
         };
         let middle_m = longer(moved.ray_m);
         let mut to_m = moved.point_m - origin_m + middle_m;
@@ -117,14 +117,14 @@ pub(super) mod tests {
         let goes_to = |p: &Vector3<f64>| turn * p + shift_m;
         let one = patch(0, 5.0, [30.0, -20.0, 2.0]);
         let of = moved(turn, goes_to(&one.centroid_m) + origin_m, Vector3::new(3.0, 4.0, 1.0));
-        let motion = Motion::new(&one, &of, &[Vector3::x(), Vector3::y()], &origin_m, |_| 0.0).expect("a motion");
+        let motion = Motion::new(&one, &of, &[Vector3::x(), Vector3::y()], &origin_m, |_, _| 0.0).expect("a motion");
         let there = motion.patch(&one);
         assert!((there.centroid_m - goes_to(&one.centroid_m)).norm() < 1e-8);
         assert!((there.normal - turn * one.normal).norm() < 1e-9);
         assert!((there.long_axis - turn * one.long_axis).norm() < 1e-9);
         let feature_m = Vector3::new(30.2, -20.1, 2.05);
         assert!((motion.back(&goes_to(&feature_m)) - feature_m).norm() < 1e-8);
-        assert!(Motion::new(&one, &of, &[Vector3::zeros(); 2], &origin_m, |_| f64::NAN).is_none());
+        assert!(Motion::new(&one, &of, &[Vector3::zeros(); 2], &origin_m, |_, _| f64::NAN).is_none());
     }
 
     #[test]
@@ -135,7 +135,8 @@ pub(super) mod tests {
         let longer_m = |range_m: f64| 0.004 * (range_m - 3.2).powi(2) + 0.002 * (range_m - 3.6);
         let rays_m = [Vector3::x() * one.spread_m[0], Vector3::y() * one.spread_m[1]];
         let of = moved(Rotation3::identity(), Vector3::zeros(), ray_m);
-        let there = Motion::new(&one, &of, &rays_m, &Vector3::zeros(), longer_m).expect("a motion").patch(&one);
+        let there =
+            Motion::new(&one, &of, &rays_m, &Vector3::zeros(), |_, r| longer_m(r)).expect("a motion").patch(&one);
         // least squares through a fine grid of points
         let (mut sum_m, mut slopes, n) = (Vector3::zeros(), [0.0; 2], 200);
         for i in 0..n {

@@ -114,7 +114,7 @@ mod tests {
         )
         .expect("a project");
         let constants =
-            Constants::new(&project, &[], &[(2.0, 20.0)], |_, t| matches!(t, Term::Latency | Term::LeverArm));
+            Constants::new(&project, &[], &[(2.0, 20.0)], &[], |_, t| matches!(t, Term::Latency | Term::LeverArm));
         assert_eq!(constants.count(), 4);
         constants
     }

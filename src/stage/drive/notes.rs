@@ -34,6 +34,10 @@ pub(crate) fn notes_of_terms(verdicts: &[Verdict]) -> Vec<String> {
             notes.push(format!("scanner {scanner}, {term}: the data do not ask for it; fixed at its nominal value"));
         } else if v.term == Term::Range {
             notes.push(format!("scanner {scanner}, {term}: a common constant cannot be told from heights and lever arms; it is held near nothing"));
+        } else if v.term.is_curve() {
+            notes.push(format!(
+                "scanner {scanner}, {term}: its mean over the data cannot be told from a constant of the range; it is held at zero"
+            ));
         } else if v.not_seen > 0 {
             notes.push(format!(
                 "scanner {scanner}, {term}: {} directions are not seen and kept near nominal",

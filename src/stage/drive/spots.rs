@@ -12,7 +12,9 @@ use tieline_filter::{FilterTie, Pose, Sighting, TieFit, TieKind, Trajectory};
 use tieline_io::crs::Crs;
 use tieline_matching::xyz::texture::{SpotEnd, SpotTie};
 
-use super::constants::{Beam, Constants, Spread};
+use super::constants::{Beam, Constants};
+use super::over::Target;
+use super::spread::Spread;
 use super::ties::{Class, VISIT_GAP_S};
 use crate::job::Matched;
 
@@ -149,6 +151,11 @@ fn sighted(
         velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
         rate_body_radps: (from.ned_from_body.inverse() * to.ned_from_body).scaled_axis() / (2.0 * STEP_S),
         patch: Spread::default(),
+        // pavement is level but for its slope
+        target: Target {
+            normal_body: pose.body_vector_m(&(pose.position + Vector3::z())).normalize(),
+            intensity: end.intensity,
+        },
     };
     let beam = constants.known_applied(&delivered);
     let range_m = constants.range_m(beam.scanner, &delivered.body_vector_m);
@@ -160,6 +167,19 @@ fn sighted(
         by_constant: constants.derivatives(&beam),
     };
     Some((point, sighting, pose))
+}
+
+/// What there is to say of spots, all and those for the smoother, with the factor of their variances.
+#[must_use]
+pub fn note((all, taken): &(Vec<PointTie>, Vec<PointTie>), factor: f64) -> Option<String> {
+    (!taken.is_empty()).then(|| {
+        format!(
+            "{} of {} spots of pavement went to the smoother; their sigmas, as they turned out over as measured: {:.2}",
+            taken.len(),
+            all.len(),
+            factor.sqrt()
+        )
+    })
 }
 
 /// The most precise, so far apart in time that the smoother holds them all; numbers count from `first_id`.

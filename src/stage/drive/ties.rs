@@ -14,6 +14,8 @@ use tieline_matching::{Patch, measure};
 use super::again::MeasuredAgain;
 use super::constants::{Beam, Constants, Spread};
 use super::motion::Motion;
+use super::over::{Over, Target};
+use super::seen::Seen;
 use crate::job::Matched;
 use crate::project::SurfaceWord;
 
@@ -126,6 +128,14 @@ impl Sighted {
             }
         }
         lines
+    }
+
+    /// Where the ends of a scanner lie on the scale of what a correction is over.
+    #[must_use]
+    pub fn seen(&self, scanner: usize, over: Over, constants: &Constants) -> Seen {
+        let of_scanner = self.beams.iter().flatten().filter(|b| b.scanner == scanner);
+        let place = |b: &Beam| over.place(&b.target, &(b.body_vector_m - constants.lever_arm_m(scanner)));
+        Seen::new(scanner, over, of_scanner.map(place).collect())
     }
 
     /// Without anything known.
@@ -244,6 +254,7 @@ pub(super) fn beam_of(
             velocity_body_mps: pose.ned_from_body.inverse_transform_vector(&velocity_ned_mps),
             rate_body_radps: turned.scaled_axis() / step_s,
             patch: Spread::default(),
+            target: Target { normal_body: direction_body(&pose, &patch.normal), intensity: f64::from(patch.intensity) },
         };
         Some((pose, beam))
     };
@@ -341,6 +352,7 @@ mod tests {
             velocity_body_mps: velocity,
             rate_body_radps: rate,
             patch: Spread::default(),
+            target: Target::default(),
         };
         let speed_mps = passing_mps(&beam, &centroid, &axis, &lever_arm_m).expect("it passes");
         let found = passing_s(&beam, &centroid, &axis, speed_mps);

@@ -46,6 +46,8 @@ pub(super) struct Foot {
     pub(super) time_s: f64,
     /// Points.
     pub(super) points: u32,
+    /// Their mean intensity, as in the file.
+    pub(super) intensity: f64,
 }
 
 /// Points about a place that tell its height and time \[m\].
@@ -89,15 +91,19 @@ fn fitted(rows: &[(Vector3<f64>, f64)]) -> Option<(Vector3<f64>, f64, Matrix3<f6
 /// The ground at a place.
 pub(super) fn foot(points: &[TexturePoint], plan: &Plan, place_m: [f64; 2], floor_m: f64) -> Option<Foot> {
     let (mut heights, mut times) = (Vec::new(), Vec::new());
+    let mut intensities = 0.0;
     let mut first_s = None;
     for p in plan.about(place_m, RADIUS_M).map(|k| &points[k]) {
         let off = [0, 1].map(|k| f64::from(p.place_m[k]) - place_m[k]);
         if off[0].hypot(off[1]) <= RADIUS_M {
             let row = Vector3::new(1.0, off[0], off[1]);
             heights.push((row, f64::from(p.place_m[2])));
+            intensities += f64::from(p.intensity);
             times.push((row, p.time_s - *first_s.get_or_insert(p.time_s)));
         }
     }
+    #[allow(clippy::cast_precision_loss)]
+    let intensity = intensities / heights.len().max(1) as f64;
     let (plane, roughness_m, inverse, count) = fitted(&heights)?;
     let (passing, late_s, _, _) = fitted(&times)?;
     let good = roughness_m < ROUGHEST_M && plane.y.hypot(plane.z) < STEEPEST && late_s < ONE_PASSING_S;
@@ -107,5 +113,6 @@ pub(super) fn foot(points: &[TexturePoint], plan: &Plan, place_m: [f64; 2], floo
         sigma_m: (roughness_m.powi(2) * inverse[(0, 0)] + floor_m.powi(2)).sqrt(),
         time_s: first_s.unwrap_or(0.0) + passing.x,
         points: u32::try_from(count).unwrap_or(u32::MAX),
+        intensity,
     })
 }

@@ -341,12 +341,20 @@ impl Matching<'_> {
             time_s: foot.time_s,
             place_m: Vector3::new(place_m[0] + corner[0], place_m[1] + corner[1], foot.height_m),
             points: foot.points,
+            intensity: foot.intensity,
         }
     }
 
     /// A spot without a tie.
     fn untied(&self, spot: u32, place_m: [f64; 2], rejection: SpotRejection) -> SpotTie {
-        let none = super::ground::Foot { height_m: 0.0, slope: [0.0; 2], sigma_m: 0.0, time_s: 0.0, points: 0 };
+        let none = super::ground::Foot {
+            height_m: 0.0,
+            slope: [0.0; 2],
+            sigma_m: 0.0,
+            time_s: 0.0,
+            points: 0,
+            intensity: 0.0,
+        };
         let end = |view: &View| {
             let foot = foot(&view.points, &view.plan, place_m, self.options.height_floor_m).unwrap_or(none);
             self.end(place_m, &foot, view.source)

@@ -67,6 +67,8 @@ pub struct SpotEnd {
     pub place_m: Vector3<f64>,
     /// Points behind its height and time.
     pub points: u32,
+    /// Mean intensity of the points about it, as in the file.
+    pub intensity: f64,
 }
 
 /// What a person looks at: both windows and the surface of the correlation, row by row from the south-west.

@@ -41,6 +41,11 @@ pub(super) fn calibration(survey: &DriveSurvey) -> String {
             options.bias_ppm,
             options.bias_knots_m,
         );
+        for (key, knots) in [("incidence", &options.bias_incidence), ("intensity", &options.bias_intensity)] {
+            if !knots.is_empty() {
+                let _ = writeln!(text, "{key} = {knots:?}");
+            }
+        }
         for bump in &options.bias_bumps {
             let _ = write!(
                 text,
@@ -63,6 +68,23 @@ pub(super) fn bias_functions(survey: &DriveSurvey) -> String {
         }
     }
     text
+}
+
+/// The range bias of each scanner over incidence \[deg\] and intensity, measured minus true; scanners count from 1. None where no scanner has any.
+pub(super) fn bias_over(survey: &DriveSurvey) -> Option<String> {
+    let mut text = String::from("scanner,over,at,bias_m\n");
+    let header = text.len();
+    for (number, scanner) in (1..).zip(survey.scanners()) {
+        let options = &scanner.options;
+        for deg in (0..=90).map(f64::from).filter(|_| !options.bias_incidence.is_empty()) {
+            let _ = writeln!(text, "{number},incidence,{deg:.2},{:.6}", scanner.bias_at_incidence_m(deg));
+        }
+        let steps = (0..=110).filter(|_| !options.bias_intensity.is_empty());
+        for at in steps.map(|k| (f64::from(k) * 0.1).exp()) {
+            let _ = writeln!(text, "{number},intensity,{at:.2},{:.6}", scanner.bias_at_intensity_m(at));
+        }
+    }
+    (text.len() > header).then_some(text)
 }
 
 /// Outages, with the largest errors of the delivered trajectory in them.

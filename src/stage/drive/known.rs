@@ -233,7 +233,7 @@ fn body_from_scanner(scanner: &ScannerSection) -> UnitQuaternion<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::project::parse_str;
     use crate::stage::drive::constants::Spread;
@@ -246,7 +246,8 @@ mod tests {
             .expect("a project")
     }
 
-    fn beam() -> Beam {
+    /// A beam of the first scanner that meets an upright surface, at 10 m/s in a gentle turn.
+    pub(in super::super) fn beam() -> Beam {
         Beam {
             scanner: 0,
             body_vector_m: Vector3::new(4.0, -3.0, 2.0),

@@ -161,16 +161,15 @@ mod tests {
     use super::*;
     use crate::project::parse_str;
     use crate::stage::drive::constants::{Beam, Constants, Spread};
+    use crate::stage::drive::known;
     use crate::stage::drive::seen::tests::seen;
 
+    /// A beam on level ground, seen over a patch.
     fn beam() -> Beam {
         Beam {
-            scanner: 0,
-            body_vector_m: Vector3::new(4.0, -3.0, 2.0),
-            velocity_body_mps: Vector3::new(10.0, 0.0, 0.0),
-            rate_body_radps: Vector3::new(0.0, 0.0, 0.2),
             patch: Spread { rays_m: [Vector3::new(0.2, 0.1, 0.0), Vector3::new(-0.1, 0.2, 0.0)], feature: [0.7, -0.4] },
             target: Target { normal_body: Vector3::z(), intensity: 900.0 },
+            ..known::tests::beam()
         }
     }
 

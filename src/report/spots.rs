@@ -73,13 +73,14 @@ fn figure(spot: &SpotTie) -> Result<String> {
     let mm = |v: f64| format!("{:.0}", 1e3 * v);
     let moved = if spot.correlation > 0.0 {
         format!(
-            "shift {} {} {} mm, sigma {:.1} {:.1} {:.1} mm, correlation {:.2}, second {:.2}",
+            "shift {} {} {} mm, sigma {:.1} {:.1} {:.1} mm{}, correlation {:.2}, second {:.2}",
             mm(shift_m.x),
             mm(shift_m.y),
             mm(shift_m.z),
             1e3 * c[(0, 0)].sqrt(),
             1e3 * c[(1, 1)].sqrt(),
             1e3 * c[(2, 2)].sqrt(),
+            free(spot),
             spot.correlation,
             spot.second
         )
@@ -89,6 +90,13 @@ fn figure(spot: &SpotTie) -> Result<String> {
     let who = spot.ends.each_ref().map(|e| format!("scanner {} at {:.2} s", e.source.scanner(), e.time_s));
     let _ = writeln!(html, "<figcaption>{}<br>{moved}</figcaption></figure>", escape(&who.join(" / ")));
     Ok(html)
+}
+
+/// Which direction a match does not hold.
+fn free(spot: &SpotTie) -> String {
+    let of =
+        |f: nalgebra::Vector3<f64>| format!(", not held along {:.0}°", f.x.atan2(f.y).to_degrees().rem_euclid(180.0));
+    spot.free.map_or_else(String::new, of)
 }
 
 /// A square of grey values from the south-west as PNG, north up; zeros are gaps.

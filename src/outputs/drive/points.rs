@@ -26,16 +26,16 @@ pub(super) fn push_points(table: &mut TieTable, project: &Project, matched: &Mat
             })
             .collect();
         let before_m: Vec<Option<Vector3<f64>>> = point.ends.iter().map(|e| Some(e.map_m)).collect();
-        let (before_m, after_m) = (from_mean_m(&before_m), from_mean_m(&after_m));
+        let (before_m, after_m) = (from_mean_m(&before_m, &point.held_map), from_mean_m(&after_m, &point.held_map));
         for (k, (end, sighting)) in (0_i32..).zip(point.ends.iter().zip(&point.tie.sightings)) {
             let at = usize::try_from(k).unwrap_or(0);
-            let c = &sighting.covariance_m2;
+            let c = point.covariance_map_m2(sighting);
             let scanner = project.platform.scanner.iter().find(|s| s.id == end.scanner);
             let ray_m = end.delivered_m - scanner.map_or_else(Vector3::zeros, |s| Vector3::from(s.lever_arm_m));
             let strip = matched.strips.strips().get(end.strip as usize).map_or("", |s| s.name.as_str());
             table.push(&TieRow {
                 tie_id: id,
-                kind: "xyz_point",
+                kind: point.tie.kind.as_str(),
                 class: point.class.as_str(),
                 end: k,
                 strip,
@@ -76,10 +76,11 @@ pub(crate) fn fate(drive: &DriveSolution, point: &PointTie) -> (bool, &'static s
     }
 }
 
-/// Distances from the mean \[m\]; not a number where a place is not known.
+/// Distances from the mean along what is held \[m\]; not a number where a place is not known.
 #[allow(clippy::cast_precision_loss)]
-fn from_mean_m(places_m: &[Option<Vector3<f64>>]) -> Vec<f64> {
+fn from_mean_m(places_m: &[Option<Vector3<f64>>], held: &[Vector3<f64>]) -> Vec<f64> {
     let known: Vec<Vector3<f64>> = places_m.iter().flatten().copied().collect();
     let mean = known.iter().sum::<Vector3<f64>>() / known.len().max(1) as f64;
-    places_m.iter().map(|p| p.map_or(f64::NAN, |p| (p - mean).norm())).collect()
+    let off_m = |p: Vector3<f64>| held.iter().map(|d| d.dot(&(p - mean)).powi(2)).sum::<f64>().sqrt();
+    places_m.iter().map(|p| p.map_or(f64::NAN, off_m)).collect()
 }

@@ -192,7 +192,7 @@ fn ties(report: &DriveReport<'_>, pairs: &[PairPoint]) -> (Ties, Ties) {
     }
     for point in &drive.points.0 {
         let (is_used, _) = fate(drive, point);
-        for (of, name) in [(&mut by_kind, "xyz_point"), (&mut by_class, point.class.as_str())] {
+        for (of, name) in [(&mut by_kind, point.tie.kind.as_str()), (&mut by_class, point.class.as_str())] {
             let counts = &mut of.entry(String::from(name)).or_default().counts;
             counts.found += 1;
             counts.used += u64::from(is_used);

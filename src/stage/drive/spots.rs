@@ -1,6 +1,6 @@
-//! Spots of pavement as ties of the smoother: three directions each.
+//! Spots of pavement as ties of the smoother: three directions each, or two where one along the ground is not held.
 //!
-//! All matches of one spot share its first sighting: they become one tie with all their ends. Like lines, spots a moment apart tell nearly the same
+//! All matches of one spot share its first sighting: those that hold all directions become one tie with all their ends, those that leave the same one free another. Like lines, spots a moment apart tell nearly the same
 //! of the trajectory; of each class the most precise stay, as far apart in time as it takes.
 
 use std::collections::BTreeMap;
@@ -46,8 +46,10 @@ pub struct PointEnd {
 /// A spot with all its sightings.
 #[derive(Debug, Clone)]
 pub struct PointTie {
-    /// For the smoother; directions are east, north, up of the map.
+    /// For the smoother; its directions are `held_map`, and covariances along them.
     pub tie: FilterTie,
+    /// Unit vectors that it holds, map axes: east, north and up, or across the free direction and up from the ground.
+    pub held_map: Vec<Vector3<f64>>,
     /// In the order of the sightings.
     pub ends: Vec<PointEnd>,
     /// What it binds.
@@ -60,9 +62,23 @@ impl PointTie {
         self.class != Class::ScannerToScanner
     }
 
-    /// Mean variance of an end in plan \[m²\].
+    /// Directions that it holds.
+    #[must_use]
+    pub fn rank(&self) -> usize {
+        self.held_map.len()
+    }
+
+    /// Covariance of an end in map axes; nothing along what is not held \[m²\].
+    #[must_use]
+    pub fn covariance_map_m2(&self, sighting: &Sighting) -> Matrix3<f64> {
+        let of = |i: usize, j: usize| self.held_map[i] * self.held_map[j].transpose() * sighting.covariance_m2[(i, j)];
+        (0..self.rank()).flat_map(|i| (0..self.rank()).map(move |j| (i, j))).map(|(i, j)| of(i, j)).sum()
+    }
+
+    /// Largest variance of an end in plan \[m²\].
     fn variance_m2(&self) -> f64 {
-        let plan = |s: &Sighting| s.covariance_m2[(0, 0)].max(s.covariance_m2[(1, 1)]);
+        // the last direction is up
+        let plan = |s: &Sighting| (0..self.rank() - 1).map(|k| s.covariance_m2[(k, k)]).fold(0.0, f64::max);
         self.tie.sightings.iter().map(plan).fold(0.0, f64::max)
     }
 
@@ -90,9 +106,10 @@ pub fn point_ties(
         by_spot.entry(spot.spot).or_default().push(spot);
     }
     let mut ties = Vec::new();
-    for matches in by_spot.values() {
+    for matches in by_spot.values().flat_map(|of_spot| alike(of_spot)) {
         // half of a match's covariance each; the first end is shared and has that of the worst
-        let half = |m: &SpotTie| m.covariance_m2 * (0.5 * factor);
+        let held_map = matches[0].held();
+        let half = |m: &SpotTie| along(&held_map, &m.covariance_m2) * (0.5 * factor);
         let Some(worst) = matches.iter().max_by(|a, b| a.covariance_m2.trace().total_cmp(&b.covariance_m2.trace()))
         else {
             continue;
@@ -112,7 +129,7 @@ pub fn point_ties(
         let geodetic = crs.geodetic_from_map(&pose.position)?;
         let ecef_from_ned = ned_from_ecef(geodetic.x, geodetic.y).transpose();
         let direction = |axis: Vector3<f64>| ecef_from_ned * pose.ned_vector_m(&(pose.position + axis)).normalize();
-        let directions = vec![direction(Vector3::x()), direction(Vector3::y()), direction(Vector3::z())];
+        let directions: Vec<Vector3<f64>> = held_map.iter().map(|d| direction(*d)).collect();
         let strips = seen.iter().any(|s| s.0.strip != seen[0].0.strip);
         let visits = seen[seen.len() - 1].1.time_s - seen[0].1.time_s > VISIT_GAP_S;
         let class = match (strips, visits) {
@@ -122,13 +139,38 @@ pub fn point_ties(
         };
         let (ends, sightings) = seen.into_iter().map(|(end, sighting, _)| (end, sighting)).unzip();
         let id = ties.len() as u64;
-        ties.push(PointTie {
-            tie: FilterTie { id, kind: TieKind::XyzPoint, directions, sightings, known_m: None },
-            ends,
-            class,
-        });
+        let kind = if held_map.len() == 3 { TieKind::XyzPoint } else { TieKind::Line };
+        let tie = FilterTie { id, kind, directions, sightings, known_m: None };
+        ties.push(PointTie { tie, held_map, ends, class });
     }
     Ok(ties)
+}
+
+/// Matches of one spot that hold the same directions: those that hold all, and those that leave one free which is the same but for a few degrees, the most precise first.
+fn alike<'a>(of_spot: &[&'a SpotTie]) -> Vec<Vec<&'a SpotTie>> {
+    /// Square of the cosine of six degrees.
+    const SAME: f64 = 0.989;
+    let mut order = of_spot.to_vec();
+    order.sort_by(|a, b| a.covariance_m2.trace().total_cmp(&b.covariance_m2.trace()));
+    let mut groups: Vec<Vec<&SpotTie>> = Vec::new();
+    for tie in order {
+        let is_alike = |other: &SpotTie| match (tie.free, other.free) {
+            (None, None) => true,
+            (Some(a), Some(b)) => a.dot(&b).powi(2) > SAME,
+            _ => false,
+        };
+        match groups.iter_mut().find(|g| is_alike(g[0])) {
+            Some(group) => group.push(tie),
+            None => groups.push(vec![tie]),
+        }
+    }
+    groups
+}
+
+/// A covariance along some directions, in the upper left of a matrix.
+fn along(directions: &[Vector3<f64>], covariance_m2: &Matrix3<f64>) -> Matrix3<f64> {
+    let of = |i: usize, j: usize| Some(directions.get(i)?.dot(&(covariance_m2 * directions.get(j)?)));
+    Matrix3::from_fn(|i, j| of(i, j).unwrap_or(0.0))
 }
 
 /// An end as the smoother takes it.
@@ -174,15 +216,16 @@ fn sighted(
 pub fn note((all, taken): &(Vec<PointTie>, Vec<PointTie>), factor: f64) -> Option<String> {
     (!taken.is_empty()).then(|| {
         format!(
-            "{} of {} spots of pavement went to the smoother; their sigmas, as they turned out over as measured: {:.2}",
+            "{} of {} spots of pavement went to the smoother, {} of them without one direction; their sigmas, as they turned out over as measured: {:.2}",
             taken.len(),
             all.len(),
+            taken.iter().filter(|t| t.rank() == 2).count(),
             factor.sqrt()
         )
     })
 }
 
-/// The most precise, so far apart in time that the smoother holds them all; numbers count from `first_id`.
+/// Those that hold all directions before those that do not, and the most precise of either, so far apart in time that the smoother holds them all; numbers count from `first_id`.
 #[must_use]
 pub fn thinned(ties: &[PointTie], first_id: u64) -> Vec<PointTie> {
     let mut kept: Vec<usize> = [true, false]
@@ -190,7 +233,11 @@ pub fn thinned(ties: &[PointTie], first_id: u64) -> Vec<PointTie> {
         .zip(LIVE)
         .flat_map(|(is_loop, live)| {
             let mut order: Vec<usize> = (0..ties.len()).filter(|k| ties[*k].is_loop() == is_loop).collect();
-            order.sort_by(|a, b| ties[*a].variance_m2().total_cmp(&ties[*b].variance_m2()).then(a.cmp(b)));
+            order.sort_by(|a, b| {
+                let (a_tie, b_tie) = (&ties[*a], &ties[*b]);
+                let by_rank = b_tie.rank().cmp(&a_tie.rank());
+                by_rank.then(a_tie.variance_m2().total_cmp(&b_tie.variance_m2())).then(a.cmp(b))
+            });
             spaced(ties, &order, live)
         })
         .collect();
@@ -222,7 +269,8 @@ fn spaced(ties: &[PointTie], order: &[usize], live: usize) -> Vec<usize> {
             .iter()
             .flat_map(|k| {
                 let (first_s, last_s) = ties[*k].span_s();
-                [(first_s, 3), (last_s, -3)]
+                let states = if ties[*k].rank() == 3 { 3 } else { 2 };
+                [(first_s, states), (last_s, -states)]
             })
             .collect();
         changes.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

@@ -24,6 +24,8 @@ impl Default for JudgeOptions {
 
 /// So many neighbours, the nearest in time, are asked.
 const MOST: usize = 12;
+/// A tie knows a direction of which so much lies in what it holds: a square of a cosine.
+const KNOWN: f64 = 0.99;
 /// Sigmas of a difference that is chance.
 const SIGMAS: f64 = 4.0;
 
@@ -66,7 +68,7 @@ pub fn judge(ties: &mut [SpotTie], options: &JudgeOptions) {
     }
 }
 
-/// The nearest others of a group in both times.
+/// The others of a group near to one in both times, the nearest first.
 fn neighbours(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions) -> Group {
     let here = times_s(ties, group[k]);
     let apart_s = |other: &(usize, f64)| {
@@ -79,24 +81,33 @@ fn neighbours(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions)
     let mut near: Group =
         near.filter(|other| ties[other.0].spot != spot && apart_s(other) <= options.near_s).copied().collect();
     near.sort_by(|a, b| apart_s(a).total_cmp(&apart_s(b)).then(a.0.cmp(&b.0)));
-    near.truncate(MOST);
     near
 }
 
 fn verdict(ties: &[SpotTie], group: &Group, k: usize, options: &JudgeOptions) -> Option<SpotRejection> {
     let near = neighbours(ties, group, k, options);
-    if near.len() < options.fewest {
-        return Some(SpotRejection::Alone);
-    }
     let (row, sign) = group[k];
     let tie = &ties[row];
-    let differs = (0..3).any(|axis| {
-        let mut others: Vec<f64> = near.iter().map(|(r, sign)| sign * ties[*r].shift_m()[axis]).collect();
+    let mut verdict = None;
+    for direction in tie.held() {
+        // of the others those that know this direction
+        let knows = |other: &SpotTie| other.held().iter().map(|h| h.dot(&direction).powi(2)).sum::<f64>() > KNOWN;
+        let mut others: Vec<f64> = near
+            .iter()
+            .filter(|(r, _)| knows(&ties[*r]))
+            .take(MOST)
+            .map(|(r, sign)| sign * ties[*r].shift_m().dot(&direction))
+            .collect();
+        if others.len() < options.fewest {
+            return Some(SpotRejection::Alone);
+        }
         others.sort_by(f64::total_cmp);
         let middle = others.len() / 2;
         let median = if others.len() % 2 == 1 { others[middle] } else { 0.5 * (others[middle - 1] + others[middle]) };
-        let sigma_m = tie.covariance_m2[(axis, axis)].sqrt();
-        (sign * tie.shift_m()[axis] - median).abs() > SIGMAS * sigma_m + options.drift_m
-    });
-    differs.then_some(SpotRejection::Neighbours)
+        let sigma_m = tie.variance_along_m2(&direction).sqrt();
+        if (sign * tie.shift_m().dot(&direction) - median).abs() > SIGMAS * sigma_m + options.drift_m {
+            verdict = Some(SpotRejection::Neighbours);
+        }
+    }
+    verdict
 }

@@ -9,6 +9,7 @@ mod correlate;
 mod ground;
 mod judge;
 mod keep;
+mod matching;
 mod plan;
 mod raster;
 mod refine;

@@ -1,7 +1,7 @@
 //! Brightness on a raster in plan: a mean of the points about each cell, weighed by a Gaussian bell.
 
 /// A cell whose weights sum up to less has no point near it and is a gap: one point at one and a half sigmas.
-const LEAST_WEIGHT: f32 = 0.325;
+pub(super) const LEAST_WEIGHT: f32 = 0.325;
 /// The bell ends at so many sigmas.
 const REACH: f64 = 2.5;
 /// Cells in one sigma of the bell.

@@ -6,7 +6,7 @@
 //! M = 4 π s² Σ g gᵀ r². (Sums over blocks of cells, which assume no such area, come from the few blocks with edges: over seeds e'Σ⁻¹e was 8.6 with
 //! them, where 3 is due.)
 
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
 
 use super::raster::Raster;
 use super::sampling::EdgeCell;
@@ -39,6 +39,20 @@ struct Row {
     b: f64,
     /// Gradient \[1/cell\].
     g: Vector2<f64>,
+}
+
+impl Row {
+    /// Place within the window, half its width counted as one.
+    #[allow(clippy::cast_precision_loss)] // a window
+    fn off(&self, half: usize) -> [f64; 2] {
+        self.at.map(|k| k as f64 / half as f64 - 1.0)
+    }
+
+    /// What gain, offset and trend change the brightness by.
+    fn of_light(&self, half: usize) -> Vector4<f64> {
+        let [east, north] = self.off(half);
+        Vector4::new(self.a, 1.0, east, north)
+    }
 }
 
 #[allow(
@@ -88,13 +102,14 @@ pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, 
         if rows.len() < 50 {
             return None;
         }
-        let (mut n, mut v) = (Matrix4::zeros(), Vector4::zeros());
+        let (mut n, mut v) = (Matrix6::zeros(), Vector6::zeros());
         for r in &rows {
-            let j = Vector4::new(r.g.x, r.g.y, -r.a, -1.0);
+            let [east, north] = r.off(half);
+            let j = Vector6::new(r.g.x, r.g.y, -r.a, -1.0, -east, -north);
             n += j * j.transpose();
             v -= j * r.b;
         }
-        let x = n.try_inverse()? * v; // step of the shift, gain, offset
+        let x = n.try_inverse()? * v; // step of the shift, gain, offset, trend
         let step = Vector2::new(x[0], x[1]);
         shift += step;
         gain = x[2];
@@ -102,7 +117,7 @@ pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, 
             return None;
         }
         if step.norm() < 1e-4 {
-            return judged(&rows, &shift, (gain, x[3]), (a.smoothing_m, a.cell_m));
+            return judged(&rows, &shift, &Vector4::new(gain, x[3], x[4], x[5]), half, (a.smoothing_m, a.cell_m));
         }
     }
     None
@@ -113,28 +128,31 @@ pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, 
 fn judged(
     rows: &[Row],
     shift: &Vector2<f64>,
-    (gain, offset): (f64, f64),
+    light: &Vector4<f64>,
+    half: usize,
     (smoothing_m, cell_m): (f64, f64),
 ) -> Option<Refined> {
     let count = rows.len() as f64;
     let mean = |of: fn(&Row) -> f64| rows.iter().map(of).sum::<f64>() / count;
     let (ma, mb) = (mean(|r| r.a), mean(|r| r.b));
     let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
-    let (mut ga, mut g1) = (Vector2::zeros(), Vector2::zeros());
+    let (mut ll, mut lg) = (Matrix4::zeros(), Matrix4x2::zeros());
     for r in rows {
         aa += (r.a - ma).powi(2);
         bb += (r.b - mb).powi(2);
         ab += (r.a - ma) * (r.b - mb);
-        ga += r.g * (r.a - ma);
-        g1 += r.g;
+        let of_light = r.of_light(half);
+        ll += of_light * of_light.transpose();
+        lg += of_light * r.g.transpose();
     }
-    // gradients without what a gain and an offset take up
-    let (by_gain, by_offset) = (ga / aa, g1 / count);
+    // gradients without what gain, offset and trend take up
+    let taken_up = ll.try_inverse()? * lg;
     let (mut n, mut scattered) = (Matrix2::zeros(), Matrix2::zeros());
     let mut cells = Vec::with_capacity(rows.len());
     for r in rows {
-        let g = r.g - by_offset - by_gain * (r.a - ma);
-        let off = r.b - gain * r.a - offset;
+        let of_light = r.of_light(half);
+        let g = r.g - taken_up.transpose() * of_light;
+        let off = r.b - light.dot(&of_light);
         n += g * g.transpose();
         scattered += g * g.transpose() * (off * off);
         cells.push(EdgeCell { at: r.at, place_m: r.place_m, gradient: g });

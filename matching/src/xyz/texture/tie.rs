@@ -95,8 +95,10 @@ pub struct SpotTie {
     pub spot: u32,
     /// As the first sighting has it, and as the second has.
     pub ends: [SpotEnd; 2],
-    /// Covariance of the second place less the first \[m²\].
+    /// Covariance of the second place less the first \[m²\]. It says nothing along `free`.
     pub covariance_m2: Matrix3<f64>,
+    /// The unit vector along the ground in which the place is not known, local frame; none where all directions are held.
+    pub free: Option<Vector3<f64>>,
     /// Correlation at the peak.
     pub correlation: f64,
     /// That of the second peak.
@@ -112,5 +114,58 @@ impl SpotTie {
     #[must_use]
     pub fn shift_m(&self) -> Vector3<f64> {
         self.ends[1].place_m - self.ends[0].place_m
+    }
+
+    /// Unit vectors that the tie holds, at right angles: east, north and up, or across the free direction and up from the ground.
+    #[must_use]
+    pub fn held(&self) -> Vec<Vector3<f64>> {
+        match self.free {
+            None => vec![Vector3::x(), Vector3::y(), Vector3::z()],
+            Some(free) => {
+                let across = Vector3::new(-free.y, free.x, 0.0).normalize();
+                vec![across, free.cross(&across)]
+            }
+        }
+    }
+
+    /// Variance of the shift along a unit vector \[m²\].
+    #[must_use]
+    pub fn variance_along_m2(&self, direction: &Vector3<f64>) -> f64 {
+        direction.dot(&(self.covariance_m2 * direction))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_held_stands_at_right_angles_to_what_is_not() {
+        let end = SpotEnd {
+            source: SourceKey::new(0, 0, 0),
+            time_s: 0.0,
+            place_m: Vector3::zeros(),
+            points: 1,
+            intensity: 1.0,
+        };
+        let free = Vector3::new(0.8, 0.5, 0.06).normalize();
+        let tie = SpotTie {
+            spot: 0,
+            ends: [end; 2],
+            covariance_m2: Matrix3::from_diagonal(&Vector3::new(4.0, 1.0, 0.01)),
+            free: Some(free),
+            correlation: 1.0,
+            second: 0.0,
+            rejection: None,
+            picture: None,
+        };
+        let held = tie.held();
+        assert_eq!(held.len(), 2);
+        for d in &held {
+            assert!((d.norm() - 1.0).abs() < 1e-12 && d.dot(&free).abs() < 1e-12, "{d}");
+        }
+        assert!(held[0].dot(&held[1]).abs() < 1e-12 && held[0].z == 0.0 && held[1].z > 0.99);
+        assert_eq!(SpotTie { free: None, ..tie.clone() }.held().len(), 3);
+        assert!((tie.variance_along_m2(&Vector3::x()) - 4.0).abs() < 1e-12);
     }
 }

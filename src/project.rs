@@ -359,6 +359,9 @@ fn check(project: &Project) -> Result<(), ProjectError> {
     if let Some(points) = project.matching.min_points.filter(|p| *p < 4) {
         return wrong("match.min_points", points.to_string(), "a plane with a residual needs 4 points or more");
     }
+    if let Some(deg) = project.matching.max_incidence_deg.filter(|deg| !(*deg > 0.0 && *deg <= 90.0)) {
+        return wrong("match.max_incidence_deg", format!("{deg}"), "give an angle above 0 and up to 90 degrees");
+    }
     if let Some([near, far]) = project.matching.range_m.filter(|[a, b]| !(*a >= 0.0 && b > a)) {
         return wrong("match.range_m", format!("[{near}, {far}]"), "give nearest and farthest range in metres");
     }
@@ -404,6 +407,9 @@ mod tests {
     fn a_value_out_of_range_is_named_with_its_remedy() {
         let error = parse_str("[[strips]]\npath = \"*.laz\"\n[match]\nhold_out = 0.9\n").expect_err("too much");
         assert!(error.to_string().contains("match.hold_out"));
+        let error =
+            parse_str("[[strips]]\npath = \"*.laz\"\n[match]\nmax_incidence_deg = 175.0\n").expect_err("too much");
+        assert!(error.to_string().contains("match.max_incidence_deg") && error.to_string().contains("175"));
     }
 
     #[test]

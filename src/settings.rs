@@ -1,5 +1,7 @@
 //! Settings that follow from the data, each with its reason; a key of the project file overrides any of them.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use tieline_matching::{
@@ -32,6 +34,10 @@ pub struct Limits {
     pub scanners: Option<Vec<u16>>,
     /// Nearest and farthest range \[m\].
     pub range_m: Option<[f64; 2]>,
+    /// Largest angle between beam and normal \[deg\].
+    pub max_incidence_deg: Option<f64>,
+    /// Lever arms \[m\] of scanners, forward, right, down: where beams come from.
+    pub lever_arms_m: BTreeMap<u16, [f64; 3]>,
     /// West, south, east, north in map coordinates \[m\].
     pub area_m: Option<[f64; 4]>,
     /// Surfaces that take part.
@@ -88,6 +94,8 @@ pub struct Grouping {
 
 /// Points of one source wanted in the smallest patch.
 const POINTS_WANTED: f64 = 8.0;
+/// Largest incidence in drives \[deg\].
+const GRAZING_DEG: f64 = 75.0;
 const CELL_BITS: std::ops::RangeInclusive<u32> = 12..=17;
 
 impl Settings {
@@ -170,13 +178,27 @@ impl Settings {
         let reason = if m.normal_angle_deg.is_some() { asked } else { "beyond three sigmas of the two normals" };
         tell("match.normal_angle_deg", format!("{:.1}", normal_angle_rad.to_degrees()), reason);
 
-        let limits =
-            Limits { scanners: m.scanners.clone(), range_m: m.range_m, area_m: m.area_m, surfaces: m.surfaces.clone() };
+        let limits = Limits {
+            scanners: m.scanners.clone(),
+            range_m: m.range_m,
+            max_incidence_deg: m.max_incidence_deg.or(project.imu.as_ref().map(|_| GRAZING_DEG)),
+            lever_arms_m: project.platform.scanner.iter().map(|s| (s.id, s.lever_arm_m)).collect(),
+            area_m: m.area_m,
+            surfaces: m.surfaces.clone(),
+        };
         if let Some(scanners) = &limits.scanners {
             tell("match.scanners", format!("{scanners:?}"), asked);
         }
         if let Some(range_m) = &limits.range_m {
             tell("match.range_m", format!("{range_m:?}"), asked);
+        }
+        if let Some(deg) = &limits.max_incidence_deg {
+            let grazing = "beyond it few rows of points lie across a patch";
+            tell(
+                "match.max_incidence_deg",
+                format!("{deg}"),
+                if m.max_incidence_deg.is_some() { asked } else { grazing },
+            );
         }
         if let Some(area_m) = &limits.area_m {
             tell("match.area_m", format!("{area_m:?}"), asked);

@@ -144,7 +144,7 @@ fn a_fixed_strip_that_is_not_there_is_named() {
 }
 
 #[test]
-fn limits_of_area_range_and_scanner_keep_ties_out() {
+fn limits_of_area_range_incidence_and_scanner_keep_ties_out() {
     let bench = Bench::new();
     let found = |name: &str, limits: &str| {
         if !limits.is_empty() {
@@ -156,7 +156,8 @@ fn limits_of_area_range_and_scanner_keep_ties_out() {
         if !limits.is_empty() {
             bench.edit_project(|text| text.replace(&format!("\n[match]\n{limits}\n"), ""));
         }
-        (json["found"].as_u64().expect("a count"), json["rejected"]["limits"].as_u64().unwrap_or(0))
+        let refused = |why: &str| json["rejected"][why].as_u64().unwrap_or(0);
+        (json["found"].as_u64().expect("a count"), refused("limits") + refused("grazing"))
     };
     let all = found("all", "");
     assert_eq!(all.1, 0);
@@ -164,6 +165,9 @@ fn limits_of_area_range_and_scanner_keep_ties_out() {
     assert!(nearer.0 == 0 && nearer.1 > 0, "nothing lies within ten metres of an aircraft");
     let far = found("far", "range_m = [0.0, 5000.0]");
     assert_eq!(far, all);
+    assert_eq!(found("any angle", "max_incidence_deg = 90.0"), all);
+    let from_above = found("from above", "max_incidence_deg = 5.0");
+    assert!(from_above.0 < all.0 && from_above.1 > 0);
     assert_eq!(found("scanner", "scanners = [3]").0, 0);
     let elsewhere = found("area", "area_m = [-9e6, -9e6, -8e6, -8e6]");
     assert!(elsewhere.0 == 0 && elsewhere.1 > 0);

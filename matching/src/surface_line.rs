@@ -35,6 +35,8 @@ pub enum Rejection {
     Outlier,
     /// Beyond the limits of range or scan angle that were asked for.
     Limits,
+    /// The beam met it at a grazing angle.
+    Grazing,
 }
 
 impl Rejection {
@@ -53,6 +55,7 @@ impl Rejection {
             Self::Budget => "budget",
             Self::Outlier => "outlier",
             Self::Limits => "limits",
+            Self::Grazing => "grazing",
         }
     }
 
@@ -72,6 +75,7 @@ impl Rejection {
             R::Budget,
             R::Outlier,
             R::Limits,
+            R::Grazing,
         ]
         .into_iter()
         .find(|r| r.as_str() == word)

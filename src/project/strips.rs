@@ -100,6 +100,8 @@ pub struct MatchSection {
     pub max_scan_angle_deg: Option<f32>,
     /// Nearest and farthest range \[m\].
     pub range_m: Option<[f64; 2]>,
+    /// Largest angle between beam and normal of a surface \[deg\].
+    pub max_incidence_deg: Option<f64>,
     /// Search area: west, south, east, north \[m\].
     pub area_m: Option<[f64; 4]>,
     /// Surfaces that take part; all when left out.

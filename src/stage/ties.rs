@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use tieline_filter::Pose;
 use tieline_matching::{
     BinSketch, Cell, End, Patch, RejectOptions, Rejection, RowEnd, Sighting, SourceKey, Spacing, StripIndex,
     SurfaceLine, TileMerge, is_held_out, line_of, mix, normal_bin, pair_rows, patches_of_tile, reject_by_distance,
@@ -49,10 +50,10 @@ pub struct ControlPoint {
     pub sigma_m: f64,
 }
 
-/// What one tile gives: patches, those beyond the limits, ties found, ties kept, lines without a tie.
+/// What one tile gives: patches, those refused by reason, ties found, ties kept, lines without a tie.
 struct OfTile {
     patches: u64,
-    beyond: u64,
+    refused: BTreeMap<Rejection, u64>,
     found: u64,
     tied: Vec<SurfaceLine>,
     loose: Vec<SurfaceLine>,
@@ -93,8 +94,11 @@ pub fn find(
                 let cells = thin_cells(cells, 3 * per_tile / 2, settings);
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
-                patches.retain(|p| is_within(p, &settings.limits, poses, &settings.grid.origin_m));
-                let beyond = count - patches.len() as u64;
+                let mut refused = BTreeMap::new();
+                patches.retain(|p| {
+                    let why = beyond(p, &settings.limits, poses, &settings.grid.origin_m);
+                    why.map(|why| *refused.entry(why).or_default() += 1).is_none()
+                });
                 thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 if settings.is_drive {
                     face_the_vehicle(&mut patches, poses, &settings.grid.origin_m);
@@ -106,12 +110,12 @@ pub fn find(
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
                 let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
-                OfTile { patches: count, beyond, found, tied, loose, lone }
+                OfTile { patches: count, refused, found, tied, loose, lone }
             })
             .collect();
         for tile in found {
-            if tile.beyond > 0 {
-                *ties.rejected.entry(Rejection::Limits.as_str().to_string()).or_default() += tile.beyond;
+            for (why, count) in tile.refused {
+                *ties.rejected.entry(why.as_str().to_string()).or_default() += count;
             }
             ties.patches += tile.patches;
             ties.found += tile.found;
@@ -124,20 +128,38 @@ pub fn find(
     Ok(ties)
 }
 
-/// Whether a patch lies within the limits that were asked for.
-fn is_within(patch: &Patch, limits: &Limits, poses: &Poses, origin_m: &[f64; 3]) -> bool {
+/// Why a patch takes no part: beyond the limits that were asked for, or seen at a grazing angle.
+fn beyond(patch: &Patch, limits: &Limits, poses: &Poses, origin_m: &[f64; 3]) -> Option<Rejection> {
     let map_m = patch.centroid_m + Vector3::from(*origin_m);
     let in_area = limits.area_m.is_none_or(|[west, south, east, north]| {
         (west..=east).contains(&map_m.x) && (south..=north).contains(&map_m.y)
     });
     let of_scanner = limits.scanners.as_ref().is_none_or(|s| s.contains(&patch.sighting.scanner));
+    // control surfaces have no pose: no range and no beam
+    let pose = poses.at(patch.sighting.strip, patch.time_s);
     let in_range = limits.range_m.is_none_or(|[near, far]| {
-        // control surfaces have no pose and no range
-        let pose = poses.at(patch.sighting.strip, patch.time_s);
-        pose.is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm()))
+        pose.as_ref().is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm()))
     });
     let of_kind = limits.surfaces.as_ref().is_none_or(|s| s.contains(&SurfaceWord::of(patch.normal.z)));
-    in_area && of_scanner && in_range && of_kind
+    if !(in_area && of_scanner && in_range && of_kind) {
+        return Some(Rejection::Limits);
+    }
+    let (pose, largest_deg) = (pose?, limits.max_incidence_deg?);
+    let lever_arm_m =
+        limits.lever_arms_m.get(&patch.sighting.scanner).map_or_else(Vector3::zeros, |a| Vector3::from(*a));
+    is_grazing(&(map_m - pose.position), &patch.normal, &pose, &lever_arm_m, largest_deg).then_some(Rejection::Grazing)
+}
+
+/// Whether the beam of a scanner meets a surface at more than an angle from its normal; `offset_m` leads from the pose to it, in the map.
+fn is_grazing(
+    offset_m: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    pose: &Pose,
+    lever_arm_m: &Vector3<f64>,
+    largest_deg: f64,
+) -> bool {
+    let beam_m = offset_m - pose.map_from_ned * (pose.ned_from_body * lever_arm_m);
+    beam_m.dot(normal).abs() < largest_deg.to_radians().cos() * beam_m.norm()
 }
 
 /// Number of tiles that hold points, by the sparse sample.
@@ -326,4 +348,31 @@ fn mark_budget(ties: &mut Ties) {
         row += 1;
         keep[row - 1]
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use tieline_filter::{map_from_ned, ned_from_body};
+
+    use super::*;
+
+    #[test]
+    fn the_angle_is_that_of_the_beam_from_the_scanner() {
+        // heading east on the map, the scanner 2 m ahead of the IMU and 1 m above it
+        let pose = Pose {
+            time_s: 0.0,
+            position: Vector3::zeros(),
+            ned_from_body: ned_from_body(0.0, 0.0, std::f64::consts::FRAC_PI_2),
+            map_from_ned: map_from_ned(0.0, 1.0),
+        };
+        let scanner_m = Vector3::new(2.0, 0.0, -1.0);
+        // level ground 1 m below the IMU: 2 m below the scanner, and so far ahead of it
+        let ahead = |way_m: f64| Vector3::new(2.0 + way_m, 0.0, -1.0);
+        for (way_m, deg) in [(2.0, 45.0), (2.0 * 75.0_f64.to_radians().tan(), 75.0)] {
+            let grazing = |limit_deg| is_grazing(&ahead(way_m), &Vector3::z(), &pose, &scanner_m, limit_deg);
+            assert!(grazing(deg - 0.01) && !grazing(deg + 0.01), "{deg}");
+            // which way the normal leads does not matter
+            assert!(is_grazing(&ahead(way_m), &-Vector3::z(), &pose, &scanner_m, deg - 0.01));
+        }
+    }
 }

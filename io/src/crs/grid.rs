@@ -6,7 +6,7 @@ use tieline_filter::earth::{meridian_radius_m, prime_vertical_radius_m};
 use super::error::CrsError;
 use super::projection::{Crs, CrsKind};
 
-/// Step of the differences \[m on the ellipsoid\]: the truncation of the five-point formula is then 1e-17, and the
+/// Step of the differences \[m at the height of the place\]: the truncation of the five-point formula is then 1e-17, and the
 /// rounding of coordinates (1e-9 m) 1e-12.
 const STEP_M: f64 = 1000.0;
 
@@ -15,7 +15,8 @@ const STEP_M: f64 = 1000.0;
 pub struct GridPoint {
     /// Bearing of grid north from true north \[rad\], positive when grid north lies east of true north.
     pub convergence_rad: f64,
-    /// Map metres per metre on the ellipsoid. Height above the ellipsoid is not in it.
+    /// Map metres per metre in the level plane of the place: the projection's scale on the ellipsoid over `1 + h / R`,
+    /// 16 ppm less for every 100 m of height (`docs/decisions/0017-map-distances-at-their-height.md`).
     pub scale: f64,
     /// What is left when turn and scale are taken out, relative to the scale: zero for a conformal projection, some
     /// 1e-3 for an equal-area one.
@@ -23,8 +24,8 @@ pub struct GridPoint {
 }
 
 impl Crs {
-    /// Convergence and scale at a latitude \[rad\] and longitude \[rad\]; exact to 1e-10. For a projection that is
-    /// not conformal, the similarity that fits best. A local system has neither: its trajectory is turned instead.
+    /// Convergence and scale at a latitude \[rad\], longitude \[rad\] and height \[m\]; exact to 1e-10. For a
+    /// projection that is not conformal, the similarity that fits best. A local system has neither: its trajectory is turned instead.
     ///
     /// # Errors
     /// As [`Crs::map_from_geodetic`].
@@ -32,14 +33,14 @@ impl Crs {
         if self.kind == CrsKind::Local {
             return Ok(GridPoint { convergence_rad: 0.0, scale: 1.0, distortion: 0.0 });
         }
-        let north_rad = STEP_M / meridian_radius_m(geodetic.x);
-        let east_rad = STEP_M / (prime_vertical_radius_m(geodetic.x) * geodetic.x.cos());
+        let north_rad = STEP_M / (meridian_radius_m(geodetic.x) + geodetic.z);
+        let east_rad = STEP_M / ((prime_vertical_radius_m(geodetic.x) + geodetic.z) * geodetic.x.cos());
         let along_north = self.derivative(geodetic, north_rad, 0.0)?;
         let along_east = self.derivative(geodetic, 0.0, east_rad)?;
         Ok(similarity(&Matrix2::from_columns(&[along_north, along_east])))
     }
 
-    /// Map metres per metre on the ellipsoid, by five-point differences.
+    /// Map metres per metre at the height of the place, by five-point differences.
     fn derivative(&self, centre: &Vector3<f64>, dlat: f64, dlon: f64) -> Result<Vector2<f64>, CrsError> {
         let at = |steps: f64| {
             let point = Vector3::new(centre.x + steps * dlat, centre.y + steps * dlon, centre.z);

@@ -1,6 +1,6 @@
 //! Trajectories into the map frame and back.
 
-use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use tieline_filter::earth::ned_from_ecef;
 use tieline_filter::{PositionFrame, Trajectory};
 
@@ -15,8 +15,8 @@ impl Crs {
     /// A trajectory in map coordinates, with convergence and scale at each epoch.
     ///
     /// Geodetic positions are converted; heights stay ellipsoidal (less the undulation, where one was given). For a
-    /// projected system attitude and velocity keep counting from true north, and convergence and scale (on the
-    /// ellipsoid) go into [`Trajectory::grid`]. For a local system they are turned into the axes at the origin: there
+    /// projected system attitude and velocity keep counting from true north, and convergence and scale (at the
+    /// place's height) go into [`Trajectory::grid`]. For a local system they are turned into the axes at the origin: there
     /// the grid is empty. Map positions stay, and are given their grid where it is missing.
     ///
     /// # Errors
@@ -110,13 +110,13 @@ impl Crs {
     }
 }
 
-/// Convergence and scale about a place, to first order in the map coordinates.
+/// Convergence and scale about a place, to first order in the map coordinates and the height.
 struct GridNode {
     position: Vector3<f64>,
     convergence_rad: f64,
     scale: f64,
-    convergence_gradient: Vector2<f64>,
-    scale_gradient: Vector2<f64>,
+    convergence_gradient: Vector3<f64>,
+    scale_gradient: Vector3<f64>,
 }
 
 impl GridNode {
@@ -127,10 +127,10 @@ impl GridNode {
             position,
             convergence_rad: centre.convergence_rad,
             scale: centre.scale,
-            convergence_gradient: Vector2::zeros(),
-            scale_gradient: Vector2::zeros(),
+            convergence_gradient: Vector3::zeros(),
+            scale_gradient: Vector3::zeros(),
         };
-        for axis in 0..2 {
+        for axis in 0..3 {
             let mut aside = position;
             aside[axis] += step_m;
             let grid = crs.grid_at(&crs.geodetic_from_map(&aside)?)?;
@@ -141,7 +141,7 @@ impl GridNode {
     }
 
     fn at(&self, position: &Vector3<f64>) -> (f64, f64) {
-        let aside = (position - self.position).xy();
+        let aside = position - self.position;
         (self.convergence_rad + self.convergence_gradient.dot(&aside), self.scale + self.scale_gradient.dot(&aside))
     }
 }

@@ -94,7 +94,7 @@ pub struct Grouping {
 
 /// Points of one source wanted in the smallest patch.
 const POINTS_WANTED: f64 = 8.0;
-/// Largest incidence in drives \[deg\].
+/// Largest incidence in drives \[deg\]: beyond it patches have few rows of points (docs/benchmarks.md, "Grazing beams").
 const GRAZING_DEG: f64 = 75.0;
 const CELL_BITS: std::ops::RangeInclusive<u32> = 12..=17;
 

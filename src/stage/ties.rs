@@ -14,6 +14,7 @@ use tieline_matching::{
 
 use crate::project::SurfaceWord;
 use crate::settings::{Grouping, Limits, Settings};
+use crate::stage::drive::over::incidence_deg;
 use crate::stage::scan::Scan;
 use crate::stage::trajectory::Poses;
 
@@ -136,21 +137,23 @@ fn beyond(patch: &Patch, limits: &Limits, poses: &Poses, origin_m: &[f64; 3]) ->
     });
     let of_scanner = limits.scanners.as_ref().is_none_or(|s| s.contains(&patch.sighting.scanner));
     // control surfaces have no pose: no range and no beam
-    let pose = poses.at(patch.sighting.strip, patch.time_s);
-    let in_range = limits.range_m.is_none_or(|[near, far]| {
-        pose.as_ref().is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm()))
-    });
+    let pose = || poses.at(patch.sighting.strip, patch.time_s);
+    let in_range = limits
+        .range_m
+        .is_none_or(|[near, far]| pose().is_none_or(|pose| (near..=far).contains(&(map_m - pose.position).norm())));
     let of_kind = limits.surfaces.as_ref().is_none_or(|s| s.contains(&SurfaceWord::of(patch.normal.z)));
     if !(in_area && of_scanner && in_range && of_kind) {
         return Some(Rejection::Limits);
     }
-    let (pose, largest_deg) = (pose?, limits.max_incidence_deg?);
+    let largest_deg = limits.max_incidence_deg?;
+    let pose = pose()?;
     let lever_arm_m =
         limits.lever_arms_m.get(&patch.sighting.scanner).map_or_else(Vector3::zeros, |a| Vector3::from(*a));
     is_grazing(&(map_m - pose.position), &patch.normal, &pose, &lever_arm_m, largest_deg).then_some(Rejection::Grazing)
 }
 
-/// Whether the beam of a scanner meets a surface at more than an angle from its normal; `offset_m` leads from the pose to it, in the map.
+/// Whether the beam of a scanner meets a surface at more than an angle \[deg\] from its normal (map axes). `offset_m` leads from the pose to the
+/// surface, in the map; the lever arm from the IMU to the scanner, in the body.
 fn is_grazing(
     offset_m: &Vector3<f64>,
     normal: &Vector3<f64>,
@@ -158,8 +161,7 @@ fn is_grazing(
     lever_arm_m: &Vector3<f64>,
     largest_deg: f64,
 ) -> bool {
-    let beam_m = offset_m - pose.map_from_ned * (pose.ned_from_body * lever_arm_m);
-    beam_m.dot(normal).abs() < largest_deg.to_radians().cos() * beam_m.norm()
+    incidence_deg(normal, &(offset_m - pose.map_from_ned * (pose.ned_from_body * lever_arm_m))) > largest_deg
 }
 
 /// Number of tiles that hold points, by the sparse sample.

@@ -22,6 +22,7 @@ use crate::stage::drive::check;
 use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::cut::{Collector, Cut, CutPoint};
 use crate::stage::navigate::Measurements;
+use crate::stage::places::{self, keep::SubmapPoints};
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
 use crate::stage::texture::{Pavement, spots};
@@ -143,8 +144,10 @@ fn match_all(
     let pavement = given.as_ref().filter(|_| measurements.is_some() && project.matching.xyz.texture()).map(|given| {
         Pavement::new(project, given, survey.origin_m, options.memory_bytes, rayon::current_num_threads())
     });
-    let mut scanned = clock.time("scan", || scan(&survey, &settings, pavement.as_ref(), &options.progress))?;
-    let points_of_pavement = scanned.pavement.take();
+    let submaps = SubmapPoints::new(&settings, survey.points(), options.memory_bytes, rayon::current_num_threads());
+    let mut scanned =
+        clock.time("scan", || scan(&survey, &settings, pavement.as_ref(), submaps.as_ref(), &options.progress))?;
+    let (points_of_pavement, points_of_submaps) = (scanned.pavement.take(), scanned.submaps.take());
     let points = scanned.counts.read;
     clock.passed("open", sampled, survey.points());
     clock.passed("scan", points, survey.points());
@@ -160,7 +163,10 @@ fn match_all(
     poses.notes = notes;
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
-    let ties = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
+    let (mut ties, faces) = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
+    if !settings.xyz.is_empty() && !settings.is_drive {
+        ties.places = clock.time("xyz", || places::find(points_of_submaps.as_ref(), faces, &strips, &settings))?;
+    }
     let mut spots_of_pavement = Vec::new();
     if let Some((points, trajectory)) = points_of_pavement.zip(poses.shared()) {
         let (found, note) = clock.time("texture", || spots(&points, trajectory))?;

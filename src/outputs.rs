@@ -1,6 +1,7 @@
 //! The files that others read: ties, calibration, correction over time.
 
 pub mod drive;
+mod places;
 pub mod stations;
 pub mod tie_text;
 
@@ -100,6 +101,7 @@ pub fn write_ties(
             );
         }
     }
+    places::push(&mut table, project, matched, solution);
     write_parquet(&out.join("ties.parquet"), &table)?;
     if csv {
         write_csv(&out.join("ties.csv"), &table)?;

@@ -3,6 +3,7 @@
 pub mod measurements;
 mod stations;
 mod strips;
+mod xyz;
 
 use std::path::{Path, PathBuf};
 
@@ -11,8 +12,9 @@ use serde::{Deserialize, Serialize};
 pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
     CalibrateSection, CorrectSection, KnownTerm, MatchSection, RangeOver, ReturnsChoice, ScannerChoice, SolveSection,
-    SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord, XyzChoice,
+    SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord,
 };
+pub use xyz::{XyzChoice, XyzKind};
 
 use measurements::{
     GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, TiesSection, VehicleSection,
@@ -299,6 +301,9 @@ fn check(project: &Project) -> Result<(), ProjectError> {
     let is_drive = project.imu.is_some() && !project.strips.is_empty();
     if let Some((value, remedy)) = project.calibrate.wrong_range_over(is_drive) {
         return wrong("calibrate.range_over", value, remedy);
+    }
+    if let Some((key, value, remedy)) = xyz::wrong(&project.matching, is_drive) {
+        return wrong(key, value, &remedy);
     }
     if project.matching.surfaces.as_ref().is_some_and(Vec::is_empty) {
         return wrong("match.surfaces", String::from("[]"), "name \"level\", \"steep\" or both, or leave it out");

@@ -9,7 +9,7 @@ use tieline_matching::{
     patches_of_tile,
 };
 
-use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord};
+use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord, XyzChoice, XyzKind};
 use crate::sample::{Sample, block};
 use crate::survey::{Survey, SurveyFile};
 
@@ -67,6 +67,10 @@ pub struct Settings {
     pub hold_out: f64,
     /// Seed of the choice of held-out places.
     pub seed: u64,
+    /// Kinds of XYZ points looked for.
+    pub xyz: Vec<XyzKind>,
+    /// Whether surface lines take part in the solution, or judge it only.
+    pub surface_lines: bool,
     /// Whether a vehicle drove through the survey, with inertial measurements of its own.
     pub is_drive: bool,
     /// The list for the report.
@@ -206,13 +210,18 @@ impl Settings {
         if let Some(surfaces) = &limits.surfaces {
             tell("match.surfaces", format!("{surfaces:?}").to_lowercase(), asked);
         }
-        let xyz = match (m.xyz.texture(), &project.imu) {
-            (false, _) => None,
-            (true, Some(_)) => Some(("texture", "spots of pavement that several sightings show alike")),
-            (true, None) => Some(("none", "of strips, no XYZ points are looked for yet")),
-        };
-        if let Some((value, reason)) = xyz {
-            tell("match.xyz", String::from(value), reason);
+        if m.xyz != XyzChoice::Off {
+            let kinds = m.xyz.kinds(project.imu.is_some());
+            let words: Vec<&str> = kinds.iter().map(|k| k.as_str()).collect();
+            let reason = if m.xyz == XyzChoice::Auto { "all kinds that there are" } else { asked };
+            tell("match.xyz", words.join(", "), reason);
+        }
+        if m.surface_lines == Some(false) {
+            tell(
+                "match.surface_lines",
+                String::from("false"),
+                "surface lines judge the solution, and take no part in it",
+            );
         }
         // a drive lives on increments: so many a second
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -240,6 +249,8 @@ impl Settings {
             min_spacing_s: m.min_spacing_s.unwrap_or(0.0),
             hold_out,
             seed,
+            xyz: m.xyz.kinds(project.imu.is_some()),
+            surface_lines: m.surface_lines.unwrap_or(true),
             is_drive: project.imu.is_some(),
             list,
         })

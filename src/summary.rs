@@ -1,5 +1,7 @@
 //! The summary of a job: what was found, how good it is, what cannot be known.
 
+pub(crate) mod places;
+
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
@@ -9,9 +11,10 @@ use tieline_matching::Sighting;
 use crate::job::Matched;
 use crate::project::Project;
 use crate::report::data::{
-    AdjustmentSummary, Discrepancies, Discrepancy, PairSummary, ParameterSummary, StripSummary, Summary, TieCounts,
-    TiePoint, TrialSummary,
+    AdjustmentSummary, Discrepancies, Discrepancy, PairSummary, ParameterSummary, PlaceSummary, StripSummary, Summary,
+    TieCounts, TiePoint, TrialSummary,
 };
+use crate::stage::places::PlaceKind;
 use crate::stage::solve::{CLASSES, Solution, model_name};
 use crate::stage::ties::CONTROL_STRIP;
 
@@ -34,7 +37,10 @@ pub fn summarise(project: &Project, matched: &Matched, solution: &Solution) -> (
     let (pairs, points) = differences(matched, solution);
     let ties = &matched.ties;
     let held = ties.held_out.iter().filter(|h| **h).count() as u64;
-    let counts = TieCounts { found: ties.found, used: solution.adjustment.used_lines as u64, held_out: held };
+    let lines = solution.lines.iter().zip(&solution.adjustment.ends).take(solution.rows.len());
+    let used = lines.filter(|(l, e)| !l.held_out && e.iter().filter(|e| !e.outlier).count() >= 2).count() as u64;
+    let counts = TieCounts { found: ties.found, used, held_out: held };
+    let places = places::places(matched, solution);
     let mut notes = matched.survey.notes.clone();
     notes.extend(matched.poses.notes.iter().cloned());
     notes.extend(solution.setup.notes.iter().cloned());
@@ -57,7 +63,8 @@ pub fn summarise(project: &Project, matched: &Matched, solution: &Solution) -> (
         notes,
         strips: strips(matched, solution),
         pairs,
-        ties: kinds(counts),
+        ties: kinds(counts, &places),
+        places,
         rejected: rejected(matched, solution),
         discrepancy: discrepancies(&points),
         calibration: adjustment(matched, solution),
@@ -66,17 +73,23 @@ pub fn summarise(project: &Project, matched: &Matched, solution: &Solution) -> (
     (summary, points)
 }
 
-fn kinds(surface_line: TieCounts) -> BTreeMap<String, TieCounts> {
+fn kinds(surface_line: TieCounts, places: &BTreeMap<String, PlaceSummary>) -> BTreeMap<String, TieCounts> {
     let mut kinds: BTreeMap<String, TieCounts> = ["line", "xyz_point", "increment", "submap", "control"]
         .into_iter()
         .map(|kind| (kind.to_string(), TieCounts::default()))
         .collect();
     kinds.insert(String::from("surface_line"), surface_line);
+    for kind in PlaceKind::ALL {
+        if let Some(of_kind) = places.get(kind.as_str()) {
+            kinds.insert(places::key(kind).to_string(), of_kind.counts);
+        }
+    }
     kinds
 }
 
 fn rejected(matched: &Matched, solution: &Solution) -> BTreeMap<String, u64> {
     let mut rejected = matched.ties.rejected.clone();
+    rejected.extend(matched.ties.places.rejected.clone());
     let outliers = solution.adjustment.ends.iter().flatten().filter(|e| e.outlier).count() as u64;
     if outliers > 0 {
         rejected.insert(String::from("outlier"), outliers);
@@ -123,6 +136,7 @@ fn differences(matched: &Matched, solution: &Solution) -> (Vec<PairSummary>, Vec
             }
         }
     }
+    rows.extend(places::points(matched, solution));
     type Rows = Vec<(TiePoint, Vector3<f64>)>;
     let mut by_pair: BTreeMap<(Sighting, Sighting), Rows> = BTreeMap::new();
     for (a, b, point, normal) in rows {

@@ -89,7 +89,7 @@ pub struct Adjustment {
 #[non_exhaustive]
 pub enum AdjustmentError {
     /// Nothing to adjust with.
-    #[error("no surface line with two ends or more is left to adjust with; look at the rejections of `match`")]
+    #[error("no tie of two strips is left to adjust with; look at the rejections of `match`")]
     NoTies,
     /// The normal equations cannot be solved.
     #[error("the normal equations of the strips: {0}; prior sigmas and observations must be finite, positive numbers")]

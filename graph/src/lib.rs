@@ -57,6 +57,6 @@ pub use basis::{Basis, TimeModel};
 pub use georeference::{Calibration, PointMap, PoseCorrection};
 pub use model::{CalibrationSigmas, CalibrationTerms, Model, Parameter, ParameterBlock, StripSpec};
 pub use observability::{Observability, Unobservable};
-pub use observation::{Line, LineEnd};
+pub use observation::{EndPart, Line, LineEnd};
 pub use problem::Problem;
 pub use variable::{Kind, Values, VariableId};

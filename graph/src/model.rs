@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::basis::{Basis, TimeModel};
 use crate::georeference::{Calibration, Derivatives, PoseCorrection};
 use crate::observation::LineEnd;
+use tieline_filter::Pose;
 
 /// What the adjustment is told of a strip.
 #[derive(Debug, Clone, PartialEq)]
@@ -255,13 +256,33 @@ impl Model {
     /// Row of the design matrix of an end: indices of unknowns and derivatives of `n · x`.
     #[must_use]
     pub fn row(&self, end: &LineEnd, normal: &Vector3<f64>) -> Vec<(usize, f64)> {
+        if end.parts.is_empty() {
+            return self.row_at(end, (end.time_s, &end.pose), &end.point_m, normal);
+        }
+        let mut sum = std::collections::BTreeMap::new();
+        for part in &end.parts {
+            for (index, value) in self.row_at(end, (part.time_s, &part.pose), &part.point_m, &part.along) {
+                *sum.entry(index).or_insert(0.0) += value;
+            }
+        }
+        sum.into_iter().collect()
+    }
+
+    /// The derivatives of `along·x` for a point \[m\] that the end's strip and scanner measured at a time \[s\] from a pose.
+    fn row_at(
+        &self,
+        end: &LineEnd,
+        (time_s, pose): (f64, &Pose),
+        point_m: &Vector3<f64>,
+        along: &Vector3<f64>,
+    ) -> Vec<(usize, f64)> {
         let Some(strip) = end.strip else { return Vec::new() };
-        let correction = self.pose_correction(strip, end.time_s);
+        let correction = self.pose_correction(strip, time_s);
         let calibration = self.calibration(end.calibration);
-        let d = Derivatives::new(&end.pose, &end.lever_arm_m, &correction, &calibration, &end.point_m, normal);
+        let d = Derivatives::new(pose, &end.lever_arm_m, &correction, &calibration, point_m, along);
         let mut row = Vec::with_capacity(32);
         if let Some((first, basis)) = self.strip_basis(strip) {
-            let (k0, weights, n) = basis.at(end.time_s);
+            let (k0, weights, n) = basis.at(time_s);
             for (k, weight) in weights.iter().enumerate().take(n) {
                 for component in 0..3 {
                     row.push((first + (k0 + k) * 6 + component, weight * d.position[component]));

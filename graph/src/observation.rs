@@ -1,4 +1,4 @@
-//! A surface line as the adjustment sees it.
+//! A surface line, or one direction of a tie of two places, as the adjustment sees it.
 
 use nalgebra::Vector3;
 use tieline_filter::Pose;
@@ -22,9 +22,26 @@ pub struct LineEnd {
     pub offset_m: f64,
     /// Its sigma, a priori \[m\].
     pub sigma_m: f64,
+    /// Where the offset depends on displacements of several places, each along a vector of its own: `offset = Σ along·Δ`
+    /// instead of `normal·Δ` at `point_m`. Empty for a plane.
+    pub parts: Vec<EndPart>,
 }
 
-/// A surface line: two ends or more, one common normal; the offset of the surface itself is eliminated.
+/// One of the places whose displacements make the offset of an end.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndPart {
+    /// Survey time \[s\].
+    pub time_s: f64,
+    /// Pose of the IMU, in the frame of the points.
+    pub pose: Pose,
+    /// The place before any correction \[m\].
+    pub point_m: Vector3<f64>,
+    /// Derivative of the offset by the displacement of this place, map axes.
+    pub along: Vector3<f64>,
+}
+
+/// A surface line: two ends or more, one common normal; the offset of the surface itself is eliminated. A direction of a
+/// tie of two places is one, too: its normal is that direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
     /// Common unit normal, map axes.
@@ -33,6 +50,10 @@ pub struct Line {
     pub class: usize,
     /// Held out of the solution, to judge it.
     pub held_out: bool,
+    /// Held out of every solution, those of a cross-validation as well.
+    pub judges_only: bool,
+    /// The tie that this is a direction of: lines with the same number stand together and share their fate.
+    pub tie: Option<usize>,
     /// Ends.
     pub ends: Vec<LineEnd>,
 }

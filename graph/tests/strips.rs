@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use tieline_filter::Pose;
 use tieline_graph::{
-    AdjustOptions, CalibrationSigmas, CalibrationTerms, Line, LineEnd, Model, StripSpec, TimeModel, adjust,
+    AdjustOptions, CalibrationSigmas, CalibrationTerms, EndPart, Line, LineEnd, Model, PointMap, StripSpec, TimeModel,
+    adjust,
 };
 
 const SIGMA_M: f64 = 0.02;
@@ -63,9 +64,10 @@ fn lines(count: usize) -> Vec<Line> {
                     point_m: place,
                     offset_m: SIGMA_M * 1.7 * random.next(),
                     sigma_m: SIGMA_M,
+                    parts: Vec::new(),
                 })
                 .collect();
-            Line { normal, class: 0, held_out: i % 7 == 3, ends }
+            Line { normal, class: 0, held_out: i % 7 == 3, judges_only: false, tie: None, ends }
         })
         .collect()
 }
@@ -153,4 +155,98 @@ fn a_false_line_stays_out_whatever_the_number_of_rounds() {
         let scale = found.class_scale[0] * found.sigma0;
         assert!(scale < 1.3, "{variance_rounds} rounds: the false line is in the variance: {scale}");
     }
+}
+
+/// An end whose offset is a sum over three places of its strip, seen one after the other.
+fn end_of_parts(random: &mut Sequence) -> LineEnd {
+    let parts: Vec<EndPart> = (0..3)
+        .map(|k| {
+            let place = Vector3::new(300.0 * random.next(), 300.0 * random.next(), 20.0 * random.next());
+            let time_s = 112.0 + f64::from(k) * 3.0;
+            EndPart {
+                time_s,
+                pose: Pose {
+                    time_s,
+                    position: place + Vector3::new(150.0 * random.next(), 150.0 * random.next(), 800.0),
+                    ned_from_body: UnitQuaternion::from_euler_angles(0.05 * random.next(), 0.02, 3.0 * random.next()),
+                    map_from_ned: Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0),
+                },
+                point_m: place,
+                along: Vector3::new(random.next(), random.next(), random.next()),
+            }
+        })
+        .collect();
+    LineEnd {
+        strip: Some(1),
+        calibration: 1,
+        time_s: 115.0,
+        pose: parts[1].pose,
+        lever_arm_m: Vector3::new(0.4, -0.2, 0.7),
+        point_m: parts[1].point_m,
+        offset_m: 0.0,
+        sigma_m: SIGMA_M,
+        parts,
+    }
+}
+
+#[test]
+fn the_row_of_an_end_of_several_places_is_that_of_central_differences() {
+    let mut random = Sequence(11);
+    let end = end_of_parts(&mut random);
+    let mut model = model();
+    let state = DVector::from_iterator(model.count(), model.parameters().iter().map(|p| 0.3 * p.prior_sigma));
+    model.set_state(state.clone());
+    let offset = |model: &Model| -> f64 {
+        let of_part = |p: &EndPart| {
+            let correction = model.pose_correction(1, p.time_s);
+            let map = PointMap::new(&p.pose, &end.lever_arm_m, &correction, &model.calibration(1));
+            p.along.dot(&map.delta_m(&p.point_m))
+        };
+        end.parts.iter().map(of_part).sum()
+    };
+    let row = model.row(&end, &Vector3::z());
+    let columns: Vec<usize> = row.iter().map(|(c, _)| *c).collect();
+    let mut distinct = columns.clone();
+    distinct.dedup();
+    assert_eq!(columns, distinct, "every unknown once");
+    assert!(row.len() >= 24 + 5, "the knots that the three times touch, and the calibration: {}", row.len());
+    for i in 0..model.count() {
+        let step = 0.05 * model.parameters()[i].prior_sigma;
+        let at = |sign: f64| {
+            let mut moved = model.clone();
+            let mut changed = state.clone();
+            changed[i] += sign * step;
+            moved.set_state(changed);
+            offset(&moved)
+        };
+        let numeric = (at(1.0) - at(-1.0)) / (2.0 * step);
+        let analytic = row.iter().find(|(c, _)| *c == i).map_or(0.0, |(_, v)| *v);
+        // rotation vectors are added here and multiplied there: they differ by the size of the corrections
+        let tolerance = 1e-3 * numeric.abs().max(analytic.abs()) + 1e-6;
+        assert!((numeric - analytic).abs() < tolerance, "{}: {numeric} {analytic}", model.parameters()[i].name);
+    }
+}
+
+#[test]
+fn a_tie_of_several_directions_stays_or_goes_as_a_whole() {
+    let mut list = lines(150);
+    // lines of two ends next to each other become ties of two directions
+    let pairs: Vec<usize> = (0..149).filter(|i| list[*i].ends.len() == 2 && !list[*i].held_out).take(10).collect();
+    for (number, first) in pairs.iter().enumerate() {
+        let mut other = list[*first].clone();
+        other.normal = Vector3::new(0.8, 0.1, 0.6).normalize();
+        other.ends.iter_mut().for_each(|e| e.offset_m = 0.0);
+        list[*first].tie = Some(number);
+        other.tie = Some(number);
+        list.push(other);
+    }
+    list.sort_by_key(|l| l.tie);
+    let first = list.iter().position(|l| l.tie == Some(3)).expect("a tie");
+    list[first].ends[0].offset_m = 3.0;
+    let found = adjust(&mut model(), &list, &[], &AdjustOptions::default()).expect("solvable");
+    let out = |i: usize| found.ends[i].iter().all(|e| e.outlier);
+    assert!(out(first) && out(first + 1), "both directions of the false tie");
+    assert!(list[first + 1].tie == Some(3) && found.ends[first + 1][0].residual_m.abs() < 5.0 * SIGMA_M);
+    let others = (0..list.len()).filter(|i| list[*i].tie.is_some_and(|t| t != 3) && !out(*i)).count();
+    assert!(others >= 16, "{others} of 18 other directions stay");
 }

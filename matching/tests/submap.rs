@@ -264,3 +264,28 @@ fn a_tile_that_nobody_can_judge_is_no_tie() {
     assert!(found.iter().all(|t| t.rejection.is_some()));
     assert!(found.iter().any(|t| t.rejection == Some(SubmapRejection::Alone)), "{:?}", found[0].rejection);
 }
+
+#[test]
+fn carriers_tell_what_a_tilt_does_to_the_shift() {
+    // a tilt about x and a turn about z of 0.2 mrad, beside a shift: displacements that differ by 2 cm over the scene
+    let turn = Vector3::new(2e-4, 0.0, -1.5e-4);
+    let displacement = |p: &Vector3<f64>| SHIFT_M * 0.1 + turn.cross(p);
+    let fixed = seen(village, 100.0, 70);
+    let straight = seen(village, 100.0, 71);
+    let moving: Vec<Vector3<f64>> = straight.iter().map(|p| p + displacement(p)).collect();
+    let before = put_back(&fixed, &straight, &SubmapOptions::default()).expect("registered");
+    let after = put_back(&fixed, &moving, &SubmapOptions::default()).expect("registered");
+    assert_eq!(after.held.rank(), 3);
+    assert_eq!(after.carriers.len(), 3);
+    for (e, carriers) in after.held.directions.column_iter().zip(&after.carriers) {
+        let e = Vector3::new(e[0], e[1], e[2]);
+        let sum: Vector3<f64> = carriers.iter().map(|c| c.along).sum();
+        assert!((sum - e).norm() < 1e-9, "a shift alone is the shift");
+        assert!(carriers.iter().all(|c| (c.time_s[0] - 100.0).abs() < 1e-3 && (c.time_s[1] - 500.0).abs() < 1e-3));
+        let change_m = e.dot(&(after.shift_m - before.shift_m));
+        let told_m: f64 = -carriers.iter().map(|c| c.along.dot(&displacement(&c.centre_m))).sum::<f64>();
+        let at_centre_m = -e.dot(&displacement(&after.origin_m));
+        println!("{change_m:.5} {told_m:.5} {at_centre_m:.5}");
+        assert!((change_m - told_m).abs() < 1.5e-3, "{change_m} m, carriers say {told_m} m");
+    }
+}

@@ -49,6 +49,21 @@ pub struct TieCounts {
     pub held_out: u64,
 }
 
+/// Ties of places of one kind.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct PlaceSummary {
+    /// Numbers.
+    pub counts: TieCounts,
+    /// Of those used, how many hold one, two and three directions.
+    pub rank: [u64; 3],
+    /// Distances of the two places along all directions held, of ties used, before.
+    pub before: Discrepancy,
+    /// After.
+    pub after: Discrepancy,
+    /// After, of ties held out.
+    pub held_out_after: Discrepancy,
+}
+
 /// One strip.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct StripSummary {
@@ -244,6 +259,9 @@ pub struct Summary {
     pub pairs: Vec<PairSummary>,
     /// Ties by kind.
     pub ties: BTreeMap<String, TieCounts>,
+    /// Ties of places by how they were found: `submap`, `ridge`, `corner`.
+    #[serde(default)]
+    pub places: BTreeMap<String, PlaceSummary>,
     /// Ends rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
     /// Differences before and after.

@@ -5,6 +5,7 @@ pub mod difference;
 pub mod drive;
 pub mod given_ties;
 pub mod navigate;
+pub mod places;
 pub mod scan;
 pub mod solve;
 pub mod stations;

@@ -6,11 +6,13 @@ use anyhow::{Context, Result};
 use rayon::prelude::*;
 use tieline_io::las::Columns;
 use tieline_matching::xyz::texture::TexturePoints;
+use tieline_matching::xyz::{TileKeeper, TilePoints};
 use tieline_matching::{Accumulator, BinSketch, PassCounts, Run, Sketches, SourceKey};
 
 use crate::progress::Progress;
 use crate::sample::block;
 use crate::settings::Settings;
+use crate::stage::places::keep::{SubmapPoints, keep};
 use crate::stage::texture::{Keeping, Pavement};
 use crate::survey::Survey;
 
@@ -25,11 +27,14 @@ pub struct Scan {
     pub counts: PassCounts,
     /// Points of pavement, where they are asked for.
     pub pavement: Option<TexturePoints>,
+    /// Points of submaps, where they are asked for.
+    pub submaps: Option<TilePoints>,
 }
 
 const TEMPORARY: &str = "a temporary file for patches cannot be written; free the disk or set TMPDIR";
 
-/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` are kept.
+/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` and
+/// `submaps` are kept.
 ///
 /// # Errors
 /// The first chunk that cannot be read, with its file.
@@ -37,6 +42,7 @@ pub fn scan(
     survey: &Survey,
     settings: &Settings,
     pavement: Option<&Pavement<'_>>,
+    submaps: Option<&SubmapPoints>,
     progress: &Progress,
 ) -> Result<Scan> {
     let tasks: Vec<(usize, usize)> = survey
@@ -49,12 +55,13 @@ pub fn scan(
     let threads = rayon::current_num_threads();
     let total: u64 = survey.files.iter().map(|f| f.las.header().point_count).sum();
     let bar = progress.bar("reading points", total);
-    let parts: Vec<Result<(Accumulator, Option<Keeping<'_>>)>> = (0..threads)
+    let parts: Vec<Result<(Accumulator, Option<Keeping<'_>>, Option<TileKeeper>)>> = (0..threads)
         .into_par_iter()
         .with_max_len(1)
         .map(|_| {
             let mut accumulator = Accumulator::new(settings.grid.clone());
             let mut keeping = pavement.map(Pavement::keeping);
+            let mut keeper = submaps.map(SubmapPoints::keeper);
             let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
             while let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let file = &survey.files[*f];
@@ -66,17 +73,22 @@ pub fn scan(
                 if let Some(keeping) = &mut keeping {
                     keeping.add(&block, &settings.grid).context(TEMPORARY)?;
                 }
+                if let Some(keeper) = &mut keeper {
+                    keep(keeper, &block, settings).context(TEMPORARY)?;
+                }
                 bar.inc(points.end - points.start);
             }
-            Ok((accumulator, keeping))
+            Ok((accumulator, keeping, keeper))
         })
         .collect();
     bar.finish();
-    let mut scan = Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None };
-    let mut keepers = Vec::new();
+    let mut scan =
+        Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None, submaps: None };
+    let (mut keepers, mut tile_keepers) = (Vec::new(), Vec::new());
     let mut sketches = Sketches::default();
     for part in parts {
-        let (accumulator, keeping) = part?;
+        let (accumulator, keeping, keeper) = part?;
+        tile_keepers.extend(keeper);
         keepers.extend(keeping.map(Keeping::finish));
         let (runs, of_thread, counts) = accumulator.finish();
         scan.runs.extend(runs);
@@ -85,5 +97,6 @@ pub fn scan(
     }
     scan.sketches = sketches.into_sorted();
     scan.pavement = pavement.map(|_| TexturePoints::new(keepers));
+    scan.submaps = submaps.map(|s| TilePoints::new(s.choice, tile_keepers));
     Ok(scan)
 }

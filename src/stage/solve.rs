@@ -17,6 +17,7 @@ pub use measure::corrected_patch;
 pub use setup::{CalibrationBlock, Setup};
 
 use crate::project::{Project, StripModelChoice};
+use crate::stage::places::row;
 use crate::stage::ties::Ties;
 use crate::stage::trajectory::Poses;
 
@@ -29,12 +30,14 @@ pub struct Solution {
     pub model: Model,
     /// Its quality.
     pub adjustment: Adjustment,
-    /// The lines as measured in the last iteration; rows match [`Solution::rows`].
+    /// The lines as measured in the last iteration; rows match [`Solution::rows`], then [`Solution::places`].
     pub lines: Vec<Line>,
     /// The lines as measured before any correction.
     pub lines_before: Vec<Line>,
     /// Row of [`Ties::lines`] and ends of it for each line.
     pub rows: Vec<(usize, Vec<usize>)>,
+    /// Row of [`Ties::places`] and direction of it for each line after these.
+    pub places: Vec<(usize, usize)>,
     /// The model of each strip in use.
     pub time_models: Vec<Option<TimeModel>>,
     /// Models tried.
@@ -81,8 +84,10 @@ impl Solution {
 pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Result<Solution> {
     let rows = measure::rows(ties, &setup, poses);
     let iterations = project.solve.iterations.unwrap_or(OUTER_ITERATIONS).max(1);
+    let places = row::rows(&ties.places, &setup, poses);
     let measured = |model: &Model| -> Vec<Line> {
-        rows.par_iter().map(|row| measure::line(row, ties, &setup, poses, model)).collect()
+        let lines = rows.par_iter().map(|row| measure::line(row, ties, &setup, poses, model));
+        lines.chain(places.par_iter().map(|row| row::measured(row, model))).collect()
     };
     let solve_model = |time_models: &[Option<TimeModel>]| -> Result<Solved> {
         let mut model = setup.model(time_models);
@@ -113,6 +118,7 @@ pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Res
         lines: solved.lines,
         lines_before: before,
         rows: rows.into_iter().map(|r| (r.line, r.ends)).collect(),
+        places: places.into_iter().map(|r| (r.tie, r.direction)).collect(),
         time_models,
         trials,
         iterations: solved.iterations,

@@ -15,6 +15,7 @@ use tieline_matching::{
 use crate::project::SurfaceWord;
 use crate::settings::{Grouping, Limits, Settings};
 use crate::stage::drive::over::incidence_deg;
+use crate::stage::places::{Places, corners::FacePatches};
 use crate::stage::scan::Scan;
 use crate::stage::trajectory::Poses;
 
@@ -40,6 +41,12 @@ pub struct Ties {
     /// they may turn out to be of one surface.
     #[serde(default)]
     pub lone: Vec<Patch>,
+    /// Of strips: ties of places, which hold several directions.
+    #[serde(default)]
+    pub places: Places,
+    /// Whether the surface lines judge the solution only.
+    #[serde(default)]
+    pub lines_judge: bool,
 }
 
 /// A known point on a surface, in the local frame.
@@ -59,6 +66,7 @@ struct OfTile {
     tied: Vec<SurfaceLine>,
     loose: Vec<SurfaceLine>,
     lone: Vec<Patch>,
+    faces: Vec<Patch>,
 }
 
 /// Tiles worked on at a time.
@@ -66,7 +74,7 @@ const BATCH: usize = 64;
 /// Candidates kept per tie of the budget.
 const CANDIDATES: usize = 2;
 
-/// Finds, rejects and selects the surface lines of a survey.
+/// Finds, rejects and selects the surface lines of a survey; gives the patches that corners are looked for in as well.
 ///
 /// # Errors
 /// When cells that were spilled to disk cannot be read back.
@@ -76,9 +84,11 @@ pub fn find(
     settings: &Settings,
     control: &[ControlPoint],
     poses: &Poses,
-) -> Result<Ties> {
+) -> Result<(Ties, Option<FacePatches>)> {
     let mut ties = Ties::default();
-    let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles(&scan.sketches, settings).max(1)).max(12);
+    let tiles = tiles(&scan.sketches, settings);
+    let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles.max(1)).max(12);
+    let mut faces = FacePatches::new(settings, tiles);
     let mut merge = TileMerge::new(scan.runs).context("reading back a temporary file")?;
     loop {
         let mut batch = Vec::with_capacity(BATCH);
@@ -92,6 +102,7 @@ pub fn find(
         let found: Vec<OfTile> = batch
             .into_par_iter()
             .map(|cells| {
+                let faces = faces.as_ref().map_or_else(Vec::new, |f| faces_of(&cells, f, strips, settings, poses));
                 let cells = thin_cells(cells, 3 * per_tile / 2, settings);
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
@@ -111,7 +122,7 @@ pub fn find(
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
                 let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
-                OfTile { patches: count, refused, found, tied, loose, lone }
+                OfTile { patches: count, refused, found, tied, loose, lone, faces }
             })
             .collect();
         for tile in found {
@@ -123,10 +134,35 @@ pub fn find(
             ties.lines.extend(tile.tied);
             ties.lines.extend(tile.loose);
             ties.lone.extend(tile.lone);
+            if let Some(faces) = &mut faces {
+                faces.keep(tile.faces);
+            }
         }
     }
     judge(&mut ties, strips, settings);
-    Ok(ties)
+    ties.lines_judge = !settings.surface_lines;
+    if ties.lines_judge {
+        ties.held_out.fill(true);
+    }
+    Ok((ties, faces))
+}
+
+/// Sloped and steep patches of all cells of a tile: a roof needs its neighbours, so that none are thinned out.
+fn faces_of(
+    cells: &[Cell],
+    faces: &FacePatches,
+    strips: &StripIndex,
+    settings: &Settings,
+    poses: &Poses,
+) -> Vec<Patch> {
+    let Some(cell) = cells.first() else { return Vec::new() };
+    let [x, y, _] = cell.key.place.indices();
+    if !faces.takes([x, y].map(|i| (f64::from(i) + 0.5) * settings.grid.cell_m())) {
+        return Vec::new();
+    }
+    let mut patches = patches_of_tile(cells, &settings.grid, strips, &settings.patch);
+    patches.retain(|p| beyond(p, &settings.limits, poses, &settings.grid.origin_m).is_none());
+    faces.of(&patches)
 }
 
 /// Why a patch takes no part: beyond the limits that were asked for, or seen at a grazing angle.

@@ -45,8 +45,21 @@ pub(super) fn robust_scales(lines: &[Line], residuals: &[Vec<Deviation>], scales
         .collect()
 }
 
-/// Ends that pass the test have factor 1, the others 0; a line needs two.
+/// Ends that pass the test have factor 1, the others 0; a line needs two. Of a tie of several directions all pass or none.
 pub(super) fn keep(lines: &[Line], residuals: &[Vec<Deviation>], scales: &[f64], outlier_k: f64) -> Vec<Vec<f64>> {
+    let mut factors = keep_each(lines, residuals, scales, outlier_k);
+    let mut first = 0;
+    for tie in lines.chunk_by(|a, b| a.tie.is_some() && a.tie == b.tie) {
+        let of_tie = &mut factors[first..first + tie.len()];
+        first += tie.len();
+        if of_tie.iter().any(|f| f.contains(&0.0)) && tie[0].tie.is_some() {
+            of_tie.iter_mut().for_each(|f| f.fill(0.0));
+        }
+    }
+    factors
+}
+
+fn keep_each(lines: &[Line], residuals: &[Vec<Deviation>], scales: &[f64], outlier_k: f64) -> Vec<Vec<f64>> {
     lines
         .iter()
         .zip(residuals)

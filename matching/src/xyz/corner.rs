@@ -82,6 +82,16 @@ impl Edge {
     /// The edge of two planes; `None` when they are nearly parallel.
     #[must_use]
     pub fn of(planes: [&Patch; 2]) -> Option<Self> {
+        // map coordinates are large: about the mean of the centroids
+        Self::near(planes, &((planes[0].centroid_m + planes[1].centroid_m) / 2.0))
+    }
+
+    /// The same edge at its point nearest to another place \[m\]: its covariance is that of the planes there.
+    pub(super) fn at(&self, planes: [&Patch; 2], place_m: &Vector3<f64>) -> Option<Self> {
+        Self::near(planes, place_m).filter(|e| e.direction.dot(&self.direction) > 0.0)
+    }
+
+    fn near(planes: [&Patch; 2], place_m: &Vector3<f64>) -> Option<Self> {
         let [n, m] = planes.map(|p| p.normal);
         let across = n.cross(&m);
         let sine = across.norm();
@@ -89,11 +99,10 @@ impl Edge {
             return None;
         }
         let direction = across / sine;
-        // the third plane, through the middle and across the edge, is only there to choose a point
+        // the third plane, through the place and across the edge, is only there to choose a point
         let inverse = Matrix3::from_rows(&[n.transpose(), m.transpose(), direction.transpose()]).try_inverse()?;
-        let middle_m = (planes[0].centroid_m + planes[1].centroid_m) / 2.0;
-        let [b, c] = planes.map(|p| p.normal.dot(&(p.centroid_m - middle_m)));
-        let point_m = middle_m + inverse * Vector3::new(b, c, 0.0);
+        let [b, c] = planes.map(|p| p.normal.dot(&(p.centroid_m - place_m)));
+        let point_m = place_m + inverse * Vector3::new(b, c, 0.0);
         let variances_m2 = planes.map(|p| variance_m2(p, &point_m));
         let known = Matrix3::from_diagonal(&Vector3::new(variances_m2[0], variances_m2[1], 0.0));
         Some(Self {
@@ -103,6 +112,16 @@ impl Edge {
             normals: [n, m],
             time_s: mean_time_s(&planes, &variances_m2),
         })
+    }
+
+    /// The point of the edge nearest to a place \[m\].
+    pub(super) fn nearest_m(&self, place_m: &Vector3<f64>) -> Vector3<f64> {
+        self.point_m + self.direction * self.direction.dot(&(place_m - self.point_m))
+    }
+
+    /// Sigma across the edge in the worse direction \[m\].
+    pub(super) fn worst_sigma_m(&self) -> f64 {
+        self.covariance_m2.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 }
 

@@ -44,7 +44,7 @@ impl Default for CornerOptions {
 }
 
 /// Why a corner of the first sighting is not tied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum NotTied {
     /// No corner of the same planes within the search.

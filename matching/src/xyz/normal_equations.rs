@@ -60,6 +60,20 @@ pub(crate) struct Adjusted {
     pub(crate) common_sigma_m: [f64; 3],
     /// Least share of a held direction's information that is left once slabs may be off together.
     pub(crate) independent: f64,
+    /// For each held direction what each slab says.
+    pub(crate) carriers: Vec<Vec<Carrier>>,
+}
+
+/// What a slab adds to the shift along a held direction: the shift is -Σ aₖ dₖ over facets, so that a displacement Δ(x) of the moving
+/// cloud that is not the same everywhere shows as Σ along·Δ(centre) over carriers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Carrier {
+    /// Where, weighted by what each facet adds \[m\].
+    pub centre_m: Vector3<f64>,
+    /// Mean times of the facets' points in the fixed and in the moving cloud \[s\].
+    pub time_s: [f64; 2],
+    /// Σ aₖ nₖ of its facets; over all carriers the held direction itself.
+    pub along: Vector3<f64>,
 }
 
 /// The centre of some facets and their radius of gyration, by information.
@@ -228,6 +242,37 @@ impl Rounds<'_> {
         REACHES.into_iter().filter_map(of).collect()
     }
 
+    /// What each slab adds to a direction e of information λ: aₖ = wₖ (eᵀJ̃ₖ - eᵀ(Σ w J̃) τ²/(1 + τ² m))/λ of its facets. What is missing to e
+    /// itself (level facets count with their mean normal, wider blocks with another τ) is laid where the others are on average.
+    fn carriers(&self, e: &DVector<f64>, information: f64, w: &[f64]) -> Vec<Carrier> {
+        let mut found = Vec::with_capacity(self.slabs.len() + 1);
+        let mut missing = Vector3::new(e[0], e[1], e[2]);
+        let mut of_all = Mean::default();
+        for slab in &self.slabs {
+            let mut m = 0.0;
+            let mut sum = 0.0;
+            for k in &slab.members {
+                m += w[*k];
+                sum += w[*k] * e.dot(&self.instruments[*k]);
+            }
+            let share = self.tau_m2[slab.class] / (1.0 + self.tau_m2[slab.class] * m) * sum;
+            let (mut mean, mut along) = (Mean::default(), Vector3::zeros());
+            for k in slab.members.iter().filter(|k| w[**k] > 0.0) {
+                let facet = &self.facets[*k];
+                let a = w[*k] * (e.dot(&self.instruments[*k]) - share) / information;
+                mean.add(a.abs(), facet);
+                of_all.add(a.abs(), facet);
+                along += facet.normal * a;
+            }
+            if let Some((centre_m, time_s)) = mean.value() {
+                missing -= along;
+                found.push(Carrier { centre_m, time_s, along });
+            }
+        }
+        found.extend(of_all.value().map(|(centre_m, time_s)| Carrier { centre_m, time_s, along: missing }));
+        found
+    }
+
     fn finish(self) -> Option<Adjusted> {
         let parts = self.normals();
         let (normal, _) = self.total(&parts);
@@ -253,6 +298,7 @@ impl Rounds<'_> {
             return None;
         }
         let independent = held.iter().map(|(e, i)| i / along(&alone, e)).fold(1.0, f64::min);
+        let carriers = held.iter().map(|(e, _)| self.carriers(e, along(&normal, e), &w)).collect();
         let (directions, information): (Vec<DVector<f64>>, Vec<f64>) = held.into_iter().unzip();
         let held = Held {
             directions: DMatrix::from_columns(&directions),
@@ -266,7 +312,26 @@ impl Rounds<'_> {
         }
         let used = self.robust.iter().map(|r| *r > 0.5).collect();
         let common_sigma_m = self.tau_m2.map(f64::sqrt);
-        Some(Adjusted { step, held, used, scale: self.scale, common_sigma_m, independent })
+        Some(Adjusted { step, held, used, scale: self.scale, common_sigma_m, independent, carriers })
+    }
+}
+
+/// Weighted mean of places and times of facets.
+#[derive(Default)]
+struct Mean {
+    weight: f64,
+    centre_m: Vector3<f64>,
+    time_s: [f64; 2],
+}
+
+impl Mean {
+    fn add(&mut self, weight: f64, facet: &Facet) {
+        self.weight += weight;
+        self.centre_m += facet.centre_m * weight;
+        self.time_s.iter_mut().zip(facet.time_s).for_each(|(sum, t)| *sum += t * weight);
+    }
+    fn value(&self) -> Option<(Vector3<f64>, [f64; 2])> {
+        (self.weight > 1e-12).then(|| (self.centre_m / self.weight, self.time_s.map(|t| t / self.weight)))
     }
 }
 

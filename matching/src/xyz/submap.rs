@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use super::facet::{Facet, FacetLimits};
 use super::held::Held;
-use super::normal_equations::{Adjusted, Bounds, adjust, frame};
+use super::normal_equations::{Adjusted, Bounds, Carrier, adjust, frame};
 use super::voxels::Grid;
 
 /// The points of one submap: places and times, one of each for every point.
@@ -108,6 +108,9 @@ pub struct Registration {
     pub gyration_m: f64,
     /// Directions that are held, over shift \[m\] and, when asked for, turn times `gyration_m` \[m\]; with their sigmas.
     pub held: Held,
+    /// For each direction of `held` the places that say it, and how much each does: where the clouds do not differ by one shift (a tilt
+    /// between strips), these tell what the shift along it is a mean of. Centres are in the frame of the fixed cloud.
+    pub carriers: Vec<Vec<Carrier>>,
     /// Mean time \[s\] of the fixed and of the moving points in use, by their information.
     pub time_s: [f64; 2],
     /// The facets at the solution.
@@ -223,6 +226,7 @@ impl Pair<'_> {
                     gyration_m: about.gyration_m,
                     time_s: mean_time_s(&facets, &adjusted, self.first_s),
                     held: adjusted.held,
+                    carriers: survey_times(adjusted.carriers, self.first_s),
                     facets,
                     used: adjusted.used,
                     scale: adjusted.scale,
@@ -254,6 +258,14 @@ fn length_in_sigmas(adjusted: &Adjusted, gyration_m: f64) -> f64 {
     let unknowns = held.directions.nrows();
     let step = DVector::from_fn(unknowns, |k, _| adjusted.step[k] * if k < 3 { 1.0 } else { gyration_m });
     (held.directions.transpose() * step).component_div(&held.sigma_m).amax()
+}
+
+/// Carriers with survey times instead of times after the clouds' first.
+fn survey_times(mut carriers: Vec<Vec<Carrier>>, first_s: [f64; 2]) -> Vec<Vec<Carrier>> {
+    for carrier in carriers.iter_mut().flatten() {
+        carrier.time_s.iter_mut().zip(first_s).for_each(|(t, first)| *t += first);
+    }
+    carriers
 }
 
 /// Mean times of the facets in use, by their information.

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DVector, Matrix3, Vector3};
+use nalgebra::{DVector, Vector3};
 use rayon::prelude::*;
 
+use super::agreement::{Disagreement, Neighbourhood, Said, judge};
 use super::submap::{Cloud, NotRegistered, Registration, SubmapOptions, register};
 
 /// How strips are cut into submaps and their ties judged.
@@ -67,10 +68,8 @@ pub struct SubmapTie {
     pub rejection: Option<SubmapRejection>,
 }
 
-/// Sigmas allowed beyond the limits.
+/// Sigmas that the way back may differ by.
 const SIGMAS: f64 = 4.0;
-/// Largest sigma \[m\] of what the others say along a direction, for them to be judges of it.
-const JUDGES_SIGMA_M: f64 = 0.1;
 
 /// The points of each tile.
 #[derive(Default)]
@@ -91,8 +90,13 @@ impl Tile {
 #[must_use]
 pub fn tie_submaps(fixed: &Cloud<'_>, moving: &Cloud<'_>, options: &TileOptions) -> Vec<SubmapTie> {
     let tiles: Vec<([i64; 2], Tile)> = tiles(fixed, moving, options).into_iter().collect();
-    let mut ties: Vec<SubmapTie> = tiles.par_iter().map(|(place, tile)| tie_of(*place, tile, options)).collect();
-    judge(&mut ties, options);
+    let of = |(place, tile): &([i64; 2], Tile)| {
+        #[allow(clippy::cast_precision_loss)]
+        let centre_m = place.map(|i| (i as f64 + 0.5) * options.tile_m);
+        tie_submap(centre_m, &tile.cloud(0), &tile.cloud(1), options)
+    };
+    let mut ties: Vec<SubmapTie> = tiles.par_iter().map(of).collect();
+    judge_submaps(&mut ties, options);
     ties
 }
 
@@ -116,15 +120,15 @@ fn tiles(fixed: &Cloud<'_>, moving: &Cloud<'_>, options: &TileOptions) -> BTreeM
     tiles
 }
 
-#[allow(clippy::cast_precision_loss)]
-fn tie_of(place: [i64; 2], tile: &Tile, options: &TileOptions) -> SubmapTie {
-    let centre_m = place.map(|i| (i as f64 + 0.5) * options.tile_m);
+/// Registers the clouds of one tile there and back; [`judge_submaps`] has the last word.
+#[must_use]
+pub fn tie_submap(centre_m: [f64; 2], fixed: &Cloud<'_>, moving: &Cloud<'_>, options: &TileOptions) -> SubmapTie {
     let submap = SubmapOptions { rotation: false, ..options.submap.clone() };
-    let (registration, rejection) = match register(&tile.cloud(0), &tile.cloud(1), &submap) {
+    let (registration, rejection) = match register(fixed, moving, &submap) {
         Err(reason) => (None, Some(SubmapRejection::NotRegistered(reason))),
         Ok(found) if !found.converged => (Some(found), Some(SubmapRejection::NotConverged)),
         Ok(found) => {
-            let back = register(&tile.cloud(1), &tile.cloud(0), &submap);
+            let back = register(moving, fixed, &submap);
             let agrees = back.is_ok_and(|back| returns(&found, &back));
             (Some(found), (!agrees).then_some(SubmapRejection::NotReciprocal))
         }
@@ -143,63 +147,23 @@ fn returns(found: &Registration, back: &Registration) -> bool {
     })
 }
 
-/// Information matrix, and the same times the shift, of a tie.
-fn information(tie: &SubmapTie) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+/// Takes out the tie that disagrees most with what the others about it say together, until none does. All are of the same two strips.
+pub fn judge_submaps(ties: &mut [SubmapTie], options: &TileOptions) {
+    let said: Vec<Option<Said>> = ties.iter().map(said).collect();
+    let hood = Neighbourhood { from_m: 0.0, to_m: options.neighbourhood_m, drift_m: options.drift_m };
+    for (tie, reason) in ties.iter_mut().zip(judge(&said, &hood)) {
+        if let Some(reason) = reason {
+            tie.rejection = Some(match reason {
+                Disagreement::Neighbours => SubmapRejection::Neighbours,
+                Disagreement::Alone => SubmapRejection::Alone,
+            });
+        }
+    }
+}
+
+fn said(tie: &SubmapTie) -> Option<Said> {
     let found = tie.registration.as_ref().filter(|_| tie.rejection.is_none())?;
-    let mut n = Matrix3::zeros();
-    for (e, sigma) in found.held.directions.column_iter().zip(found.held.sigma_m.iter()) {
-        let e = Vector3::new(e[0], e[1], e[2]);
-        n += e * e.transpose() / (sigma * sigma);
-    }
-    Some((n, n * found.shift_m))
-}
-
-/// Takes out the tie that disagrees most with what the others about it say together, until none does.
-fn judge(ties: &mut [SubmapTie], options: &TileOptions) {
-    loop {
-        let said: Vec<_> = ties.iter().map(information).collect();
-        let verdicts = (0..ties.len()).filter_map(|row| Some((row, verdict(ties, &said, row, options)?)));
-        let worst = verdicts.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-        match worst {
-            Some((row, value)) if value > 1.0 => {
-                let reason = if value.is_infinite() { SubmapRejection::Alone } else { SubmapRejection::Neighbours };
-                ties[row].rejection = Some(reason);
-            }
-            _ => break,
-        }
-    }
-}
-
-/// The difference of a tie from the others over what is allowed, along its worst direction; infinite when nobody can tell.
-fn verdict(
-    ties: &[SubmapTie],
-    said: &[Option<(Matrix3<f64>, Vector3<f64>)>],
-    row: usize,
-    options: &TileOptions,
-) -> Option<f64> {
-    let found = ties[row].registration.as_ref().filter(|_| ties[row].rejection.is_none())?;
-    let distance_m = |other: &SubmapTie| {
-        (other.centre_m[0] - ties[row].centre_m[0]).hypot(other.centre_m[1] - ties[row].centre_m[1])
-    };
-    // a metre of prior sigma, so that what nobody says is no division by nothing
-    let (mut n, mut b) = (Matrix3::identity(), Vector3::zeros());
-    for (other, said) in ties.iter().zip(said).enumerate().filter(|(k, _)| *k != row).map(|(_, o)| o) {
-        if let Some((of_n, of_b)) = said
-            && distance_m(other) <= options.neighbourhood_m
-        {
-            n += of_n;
-            b += of_b;
-        }
-    }
-    let covariance_m2 = n.try_inverse()?;
-    let difference_m = found.shift_m - covariance_m2 * b;
-    let values = found.held.directions.column_iter().zip(found.held.sigma_m.iter()).map(|(e, sigma)| {
-        let e = Vector3::new(e[0], e[1], e[2]);
-        let of_others_m = e.dot(&(covariance_m2 * e)).sqrt();
-        if of_others_m > JUDGES_SIGMA_M {
-            return f64::INFINITY;
-        }
-        e.dot(&difference_m).abs() / (options.drift_m + SIGMAS * sigma.hypot(of_others_m))
-    });
-    Some(values.fold(0.0, f64::max))
+    let held = found.held.directions.column_iter().zip(found.held.sigma_m.iter());
+    let held = held.map(|(e, sigma)| (Vector3::new(e[0], e[1], e[2]), *sigma)).collect();
+    Some(Said { place_m: tie.centre_m, shift_m: found.shift_m, held })
 }

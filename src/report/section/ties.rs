@@ -105,8 +105,40 @@ pub(crate) fn numbers(summary: &Summary) -> String {
     for (kind, n) in summary.ties.iter().filter(|(_, n)| n.found + n.used + n.held_out > 0) {
         kinds.row(&[kind_in_words(kind), count(n.found), count(n.used), count(n.held_out)]);
     }
-    let body = format!("<div class=\"beside\">\n{}{}</div>\n", kinds.html(), rejections(&summary.rejected));
+    let beside = format!("{}{}", kinds.html(), rejections(&summary.rejected));
+    let body = format!("<div class=\"beside\">\n{beside}</div>\n{}", places(summary));
     section("numbers", "Ties found and rejected", COUNT_LEAD, &body)
+}
+
+/// Ties of places by kind: what they hold, and how far the places lie apart.
+fn places(summary: &Summary) -> String {
+    let mut table = Table::new(
+        "Ties of places, distances along the directions that they hold",
+        &[
+            ("Kind", "", Align::Text),
+            ("Found", "", Align::Number),
+            ("Used", "", Align::Number),
+            ("Held out", "", Align::Number),
+            ("1, 2, 3 directions", "", Align::Number),
+            ("Before, rms", "mm", Align::Number),
+            ("After, rms", "mm", Align::Number),
+            ("Held out, rms", "mm", Align::Number),
+        ],
+    );
+    for (kind, p) in &summary.places {
+        let rms = |d: &Discrepancy| if d.n > 0 { mm(d.rms_m) } else { String::from("–") };
+        table.row(&[
+            plain(kind),
+            count(p.counts.found),
+            count(p.counts.used),
+            count(p.counts.held_out),
+            p.rank.map(count).join(", "),
+            rms(&p.before),
+            rms(&p.after),
+            rms(&p.held_out_after),
+        ]);
+    }
+    if summary.places.is_empty() { String::new() } else { table.html() }
 }
 
 /// Ends rejected, by reason, the most frequent first.
@@ -133,10 +165,10 @@ fn plain(key: &str) -> String {
 fn kind_in_words(kind: &str) -> String {
     let meaning = match kind {
         "surface_line" => "surface line (one direction, along the normal)",
-        "line" => "line (two directions)",
-        "xyz_point" => "XYZ point (three directions)",
+        "line" => "line, a ridge (two directions)",
+        "xyz_point" => "XYZ point, a corner (three directions)",
         "increment" => "increment (two scanners of one drive)",
-        "submap" => "submap (three directions and rotation)",
+        "submap" => "submap (up to three directions)",
         "control" => "control (known beforehand)",
         other => return plain(other),
     };

@@ -240,12 +240,12 @@ pub(super) fn cross_validated(
         .map(|fold| {
             let mut lines = solved.lines.clone();
             for line in &mut lines {
-                line.held_out = fold_of(line) == fold;
+                line.held_out = line.judges_only || fold_of(line) == fold;
             }
             let mut model = solved.model.clone();
             adjust(&mut model, &lines, &solved.adjustment.class_scale, &quick)?;
             let after = measured(&model);
-            Ok(losses(&after, scales, |i| lines[i].held_out))
+            Ok(losses(&after, scales, |i| lines[i].held_out && !lines[i].judges_only))
         })
         .collect();
     let mut all = BTreeMap::new();

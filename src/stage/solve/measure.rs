@@ -15,17 +15,21 @@ pub(super) struct Row {
     pub(super) ends: Vec<usize>,
     poses: Vec<Option<Pose>>,
     held_out: bool,
+    judges_only: bool,
     class: usize,
 }
 
 /// Tie classes: relation of the sightings × slope of the surface; the names of the variance components.
-pub const CLASSES: [&str; 6] = [
+pub const CLASSES: [&str; 9] = [
     "strip to strip, level",
     "strip to strip, sloped",
     "strip to strip, steep",
     "scanner to scanner, level",
     "scanner to scanner, sloped",
     "scanner to scanner, steep",
+    "submap",
+    "ridge",
+    "corner",
 ];
 
 fn class(patches: &[&Patch]) -> usize {
@@ -67,6 +71,7 @@ pub(super) fn rows(ties: &Ties, setup: &Setup, poses: &Poses) -> Vec<Row> {
                 ends,
                 poses: of_ends,
                 held_out: *held_out,
+                judges_only: ties.lines_judge,
                 class: class(&patches),
             })
         })
@@ -106,7 +111,7 @@ pub(super) fn line(row: &Row, ties: &Ties, setup: &Setup, _poses: &Poses, model:
     let references: Vec<&Patch> = patches.iter().collect();
     let Some(measurement) = measure(&references, setup.sigma_floor_m) else {
         let normal = originals[0].normal;
-        return Line { normal, class: row.class, held_out: row.held_out, ends: Vec::new() };
+        return of_row(row, normal, Vec::new());
     };
     let ends = (0..patches.len())
         .map(|k| {
@@ -124,10 +129,15 @@ pub(super) fn line(row: &Row, ties: &Ties, setup: &Setup, _poses: &Poses, model:
                 point_m: original + setup.origin_m,
                 offset_m,
                 sigma_m,
+                parts: Vec::new(),
             }
         })
         .collect();
-    Line { normal: measurement.normal, class: row.class, held_out: row.held_out, ends }
+    of_row(row, measurement.normal, ends)
+}
+
+fn of_row(row: &Row, normal: nalgebra::Vector3<f64>, ends: Vec<LineEnd>) -> Line {
+    Line { normal, class: row.class, held_out: row.held_out, judges_only: row.judges_only, tie: None, ends }
 }
 
 /// Stands in for the pose of a known surface, which has none.

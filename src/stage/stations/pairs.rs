@@ -262,6 +262,8 @@ fn line(ground: &Ground<'_>, plane: &CommonPlane, seen: &Seen, smooth: Option<Ve
         normal: smooth.unwrap_or(seen.now[0].normal),
         class: Slope::ALL.iter().position(|s| *s == plane.slope).unwrap_or(0),
         held_out: plane.fate != Fate::Used,
+        judges_only: false,
+        tie: None,
         ends: Vec::new(),
     };
     let Some(measurement) = &seen.measurement else { return line };
@@ -279,6 +281,7 @@ fn line(ground: &Ground<'_>, plane: &CommonPlane, seen: &Seen, smooth: Option<Ve
             point_m: seen.maps[k].undo(&on_plane),
             offset_m,
             sigma_m: *sigma_m,
+            parts: Vec::new(),
         });
     }
     line

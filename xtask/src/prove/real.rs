@@ -31,7 +31,7 @@ pub(crate) fn run(project: &Path, out: &Path, threads: usize) -> Result<Value> {
 }
 
 /// The judge's pairs and totals for files.
-fn judge(files: &[PathBuf], by: &str) -> Result<Value> {
+pub(crate) fn judge(files: &[PathBuf], by: &str) -> Result<Value> {
     let json = tempfile::NamedTempFile::new()?;
     let output = Command::new("python3")
         .arg(root().join("../shared/check/strip_dz.py"))
@@ -44,7 +44,7 @@ fn judge(files: &[PathBuf], by: &str) -> Result<Value> {
     Ok(serde_json::from_str(&std::fs::read_to_string(json.path())?)?)
 }
 
-fn laz_in(folder: &Path) -> Result<Vec<PathBuf>> {
+pub(crate) fn laz_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)?
         .filter_map(|e| e.ok().map(|e| e.path()))
         .filter(|p| p.extension().is_some_and(|e| e == "laz"))
@@ -53,7 +53,7 @@ fn laz_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn number(value: &Value) -> f64 {
+pub(crate) fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or(f64::NAN)
 }
 

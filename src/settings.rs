@@ -69,6 +69,8 @@ pub struct Settings {
     pub seed: u64,
     /// Kinds of XYZ points looked for.
     pub xyz: Vec<XyzKind>,
+    /// Whether these are chosen automatically: they are to cost no more time than all else.
+    pub xyz_auto: bool,
     /// Whether surface lines take part in the solution, or judge it only.
     pub surface_lines: bool,
     /// Whether a vehicle drove through the survey, with inertial measurements of its own.
@@ -250,6 +252,7 @@ impl Settings {
             hold_out,
             seed,
             xyz: m.xyz.kinds(project.imu.is_some()),
+            xyz_auto: m.xyz == XyzChoice::Auto,
             surface_lines: m.surface_lines.unwrap_or(true),
             is_drive: project.imu.is_some(),
             list,

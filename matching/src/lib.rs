@@ -32,7 +32,7 @@ pub use patch::{Patch, Sighting};
 pub use planar::{PlanarOptions, planar_patches};
 pub use reject::{RejectOptions, reject_by_distance};
 pub use runs::{Run, TileMerge};
-pub use select::{Spacing, is_held_out, normal_bin, select};
+pub use select::{Spacing, is_held_out, is_place_held_out, normal_bin, select};
 pub use sensor_path::{PathRefused, PathSource, SensorPath, path_from_return_pairs};
 pub use sketch::{BinSketch, ReturnPair, SamplePoint, Sketches, mix};
 pub use strip::{Strip, StripIndex, StripOptions};

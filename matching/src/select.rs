@@ -160,11 +160,16 @@ impl Kept {
 /// Whether a tie is held out: by its place, in squares of `place_m`, by a seeded hash. Neighbours share their fate,
 /// so that held-out ties judge the solution where it has no ties of its own.
 #[must_use]
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, clippy::cast_sign_loss)]
 pub fn is_held_out(line: &SurfaceLine, seed_number: u64, share: f64, place_m: f64) -> bool {
-    let Some(patch) = seed(line) else { return false };
+    seed(line).is_some_and(|p| is_place_held_out([p.centroid_m.x, p.centroid_m.y], seed_number, share, place_m))
+}
+
+/// Whether the square of a place \[m\] is one of those held out.
+#[must_use]
+#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, clippy::cast_sign_loss)]
+pub fn is_place_held_out(plan_m: [f64; 2], seed_number: u64, share: f64, place_m: f64) -> bool {
     let square = |v: f64| (v / place_m).floor() as i64 as u64;
-    let hash = mix(mix(square(patch.centroid_m.x) ^ seed_number.rotate_left(32)) ^ square(patch.centroid_m.y));
+    let hash = mix(mix(square(plan_m[0]) ^ seed_number.rotate_left(32)) ^ square(plan_m[1]));
     (hash as f64 / u64::MAX as f64) < share
 }
 

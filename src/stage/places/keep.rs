@@ -3,7 +3,7 @@
 use std::io;
 
 use tieline_matching::xyz::{TileChoice, TileKeeper, TilePoint};
-use tieline_matching::{CONTROL_FILE, PointBlock};
+use tieline_matching::{CONTROL_FILE, PointBlock, is_place_held_out};
 
 use crate::project::XyzKind;
 use crate::settings::Settings;
@@ -15,6 +15,9 @@ const TILE_M: [f64; 2] = [20.0, 50.0];
 const MARGIN_M: f64 = 1.0;
 /// Most points that are kept, in memory and in temporary files: a gigabyte, and a thousand submaps of five strips.
 const MOST_POINTS: f64 = 3.2e7;
+
+/// Share of the tiles that `auto` takes: registering all of them takes about three times as long as all else that `match` does.
+const AUTO_SHARE: f64 = 0.25;
 
 /// The points that submaps are made of.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +41,7 @@ impl SubmapPoints {
             choice: TileChoice {
                 tile_m: (TILE_CELLS * settings.grid.cell_m()).clamp(TILE_M[0], TILE_M[1]),
                 margin_m: MARGIN_M,
-                share: (MOST_POINTS / points.max(1) as f64).min(1.0),
+                share: (MOST_POINTS / points.max(1) as f64).min(if settings.xyz_auto { AUTO_SHARE } else { 1.0 }),
             },
             most: most.clamp(20_000, 50_000_000),
         })
@@ -49,6 +52,12 @@ impl SubmapPoints {
     pub fn keeper(&self) -> TileKeeper {
         TileKeeper::new(self.choice, self.most)
     }
+}
+
+/// Whether surface lines that are held out judge the solution at a place: what lies there must not be in it.
+fn is_judged(place_m: [f64; 3], settings: &Settings) -> bool {
+    let square_m = settings.grouping().place_m;
+    settings.surface_lines && is_place_held_out([place_m[0], place_m[1]], settings.seed, settings.hold_out, square_m)
 }
 
 /// Keeps those points of a block of strips that take part.
@@ -70,8 +79,9 @@ pub fn keep(keeper: &mut TileKeeper, block: &PointBlock<'_>, settings: &Settings
         let in_area = settings.limits.area_m.is_none_or(|[west, south, east, north]| {
             (west..=east).contains(&map_m[0]) && (south..=north).contains(&map_m[1])
         });
-        if in_area {
-            keeper.keep(std::array::from_fn(|k| map_m[k] - grid.origin_m[k]), time_s, grid.rule.source(block, i))?;
+        let place_m: [f64; 3] = std::array::from_fn(|k| map_m[k] - grid.origin_m[k]);
+        if in_area && !is_judged(place_m, settings) {
+            keeper.keep(place_m, time_s, grid.rule.source(block, i))?;
         }
     }
     Ok(())

@@ -76,7 +76,7 @@ fn of_tile(
         let pair = [views[i].sighting, views[j].sighting];
         (pair, tie_submap(centre_m, &views[i].cloud(), &views[j].cloud(), options))
     };
-    Ok(tree(&views).into_par_iter().map(tie).collect())
+    Ok(tree(&views, strips).into_par_iter().map(tie).collect())
 }
 
 /// The sightings of a tile, in order.
@@ -118,25 +118,31 @@ fn views(points: &TilePoints, tile: Tile, strips: &StripIndex, settings: &Settin
     Ok(views)
 }
 
-/// The pairs to register: a tree over the sightings by the area that they share. More pairs would tell the same noise twice.
+/// The pairs to register: a tree over the sightings. More pairs would tell the same noise twice.
+///
+/// Of pairs that share half and more of what the smaller one sees, those come first whose strips have most points, so that
+/// neighbouring tiles are tied by the same pairs, which judge each other; then others by the area that they share.
 #[allow(clippy::cast_precision_loss)]
-fn tree(views: &[View]) -> Vec<(usize, usize)> {
+fn tree(views: &[View], strips: &StripIndex) -> Vec<(usize, usize)> {
     let shared = |a: &View, b: &View| a.squares.iter().filter(|s| b.squares.binary_search(s).is_ok()).count();
-    let mut pairs: Vec<(usize, usize, usize)> = Vec::new();
-    for i in 0..views.len() {
-        for j in i + 1..views.len() {
-            let squares = shared(&views[i], &views[j]);
+    let points = |v: &View| strips.strips().get(v.sighting.strip as usize).map_or(0, |s| s.points);
+    let mut order: Vec<usize> = (0..views.len()).collect();
+    order.sort_by(|a, b| points(&views[*b]).cmp(&points(&views[*a])).then(a.cmp(b)));
+    let mut pairs: Vec<(usize, (usize, usize))> = Vec::new();
+    for (rank, i) in order.iter().enumerate() {
+        for j in &order[rank + 1..] {
+            let squares = shared(&views[*i], &views[*j]);
+            let most = views[*i].squares.len().min(views[*j].squares.len());
             if squares as f64 * SQUARE_M * SQUARE_M >= LEAST_OVERLAP_M2 {
-                pairs.push((squares, i, j));
+                // all that share enough count alike, in the order in which they come here
+                pairs.push((if 2 * squares >= most { usize::MAX } else { squares }, (*i.min(j), *i.max(j))));
             }
         }
     }
-    // of pairs that share as much, those with more points
-    let points = |p: &(usize, usize, usize)| views[p.1].points_m.len().min(views[p.2].points_m.len());
-    pairs.sort_by(|a, b| b.0.cmp(&a.0).then(points(b).cmp(&points(a))).then((a.1, a.2).cmp(&(b.1, b.2))));
+    pairs.sort_by(|a, b| b.0.cmp(&a.0));
     let mut group: Vec<usize> = (0..views.len()).collect();
     let mut kept = Vec::new();
-    for (_, i, j) in pairs {
+    for (_, (i, j)) in pairs {
         let (from, to) = (group[j], group[i]);
         if from != to {
             group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);

@@ -232,6 +232,9 @@ pub(super) fn cross_validated(
         let hash = mix(mix(x as u64) ^ y as u64);
         hash % FOLDS
     };
+    // a submap has seen what lies in its tile, in whichever part: where surface lines take part, they choose alone
+    let by_surfaces = solved.lines.iter().any(|l| l.tie.is_none() && !l.judges_only);
+    let left_out = |line: &Line| line.judges_only || by_surfaces && line.tie.is_some();
     // started at the solution of all ties: a few iterations settle it
     let quick =
         AdjustOptions { huber_iterations: 1, tukey_iterations: 2, variance_rounds: 1, ..AdjustOptions::default() };
@@ -240,12 +243,12 @@ pub(super) fn cross_validated(
         .map(|fold| {
             let mut lines = solved.lines.clone();
             for line in &mut lines {
-                line.held_out = line.judges_only || fold_of(line) == fold;
+                line.held_out = left_out(line) || fold_of(line) == fold;
             }
             let mut model = solved.model.clone();
             adjust(&mut model, &lines, &solved.adjustment.class_scale, &quick)?;
             let after = measured(&model);
-            Ok(losses(&after, scales, |i| lines[i].held_out && !lines[i].judges_only))
+            Ok(losses(&after, scales, |i| lines[i].held_out && !left_out(&lines[i])))
         })
         .collect();
     let mut all = BTreeMap::new();

@@ -5,10 +5,10 @@ use nalgebra::{DVector, Vector3};
 use serde_json::Value;
 use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, Matched, correct_strips, match_strips, solve_strips};
 use tieline::progress::Progress;
-use tieline::project::{Project, XyzChoice, XyzKind};
+use tieline::project::{Project, StripModelChoice, XyzChoice, XyzKind};
 use tieline::stage::solve::Solution;
 use tieline::summary::summarise;
-use tieline_graph::LineEnd;
+use tieline_graph::{LineEnd, PointMap, TimeModel};
 
 use crate::prove::Row;
 use crate::prove::real::{judge, laz_in, number, root};
@@ -31,8 +31,9 @@ struct Run {
     judged: Value,
 }
 
-fn run(name: &str, take: Take, by: &str) -> Result<Run> {
+fn run(name: &str, take: Take, by: &str, model: StripModelChoice) -> Result<Run> {
     let mut project = Project::load(&root().join(format!("samples/real/{name}.toml")))?;
+    project.solve.strips = model;
     if !matches!(take, Take::Surfaces) {
         project.matching.xyz = XyzChoice::Kinds(vec![XyzKind::Corner, XyzKind::Submap]);
     }
@@ -81,79 +82,103 @@ fn run(name: &str, take: Take, by: &str) -> Result<Run> {
     Ok(Run { matched, solution, judged })
 }
 
-/// Displacement \[m\] of the ground below each strip at its start, middle and end along one axis, less the mean over all strips, with its sigma
-/// \[m\]: what all strips have in common no tie knows.
-fn displacements(run: &Run, axis: usize) -> Result<Vec<(String, f64, f64)>> {
-    let (solution, matched) = (&run.solution, &run.matched);
-    let n = solution.model.count();
-    let along = Vector3::ith(axis, 1.0);
-    let mut rows: Vec<(String, f64, DVector<f64>)> = Vec::new();
-    for (i, strip) in matched.strips.strips().iter().enumerate() {
-        let number = u32::try_from(i)?;
-        let report = matched.poses.reports.iter().find(|r| r.strip == strip.name).context("a strip without a path")?;
-        for share in [0.02, 0.5, 0.98] {
-            let time_s = strip.start_s + share * (strip.end_s - strip.start_s);
-            let pose = matched.poses.at(number, time_s).context("a strip without a pose")?;
-            let block = solution.setup.block(number, strip.scanners[0]);
-            let end = LineEnd {
-                strip: Some(i),
-                calibration: block,
-                time_s,
-                pose,
-                lever_arm_m: solution.setup.lever_arms_m[block],
-                point_m: pose.position - Vector3::z() * report.height_m,
-                offset_m: 0.0,
-                sigma_m: 1.0,
-                parts: Vec::new(),
-            };
-            let correction = solution.model.pose_correction(i, time_s);
-            let map =
-                tieline_graph::PointMap::new(&pose, &end.lever_arm_m, &correction, &solution.model.calibration(block));
-            let mut row = DVector::zeros(n);
-            solution.model.row(&end, &along).into_iter().for_each(|(c, v)| row[c] += v);
-            let at = ["start", "middle", "end"][usize::from(share > 0.1) + usize::from(share > 0.9)];
-            rows.push((format!("{} {at}", strip.name), along.dot(&map.delta_m(&end.point_m)), row));
+/// A place of a strip: what it is called, strip, survey time \[s\], place in the map \[m\].
+type Station = (String, usize, f64, Vector3<f64>);
+
+/// The middles of the three thirds of what each strip sees, by the ends of its surface lines.
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn stations(run: &Run) -> Vec<Station> {
+    let mut found = Vec::new();
+    for (i, strip) in run.matched.strips.strips().iter().enumerate() {
+        let ends = run.solution.lines.iter().flat_map(|l| &l.ends).filter(|e| e.strip == Some(i));
+        let mut ends: Vec<&LineEnd> = ends.collect();
+        ends.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        for (third, part) in ends.chunks(ends.len().div_ceil(3).max(1)).enumerate() {
+            let n = part.len() as f64;
+            let time_s = part.iter().map(|e| e.time_s - part[0].time_s).sum::<f64>() / n + part[0].time_s;
+            let point_m = part.iter().map(|e| e.point_m).sum::<Vector3<f64>>() / n;
+            let name = ["first third", "middle", "last third"][third];
+            found.push((format!("{} {name}", strip.name), i, time_s, point_m));
         }
     }
-    #[allow(clippy::cast_precision_loss)]
+    found
+}
+
+/// Displacement \[m\] of such places along one axis by the corrections, less the mean over all of them, with its sigma \[m\]: what all strips
+/// have in common no tie knows.
+#[allow(clippy::cast_precision_loss)]
+fn displacements(run: &Run, stations: &[Station], axis: usize) -> Result<Vec<(f64, f64)>> {
+    let (solution, matched) = (&run.solution, &run.matched);
+    let along = Vector3::ith(axis, 1.0);
+    let mut rows: Vec<(f64, DVector<f64>)> = Vec::new();
+    for (_, strip, time_s, point_m) in stations {
+        let number = u32::try_from(*strip)?;
+        let pose = matched.poses.at(number, *time_s).context("a strip without a pose")?;
+        let block = solution.setup.block(number, matched.strips.strips()[*strip].scanners[0]);
+        let end = LineEnd {
+            strip: Some(*strip),
+            calibration: block,
+            time_s: *time_s,
+            pose,
+            lever_arm_m: solution.setup.lever_arms_m[block],
+            point_m: *point_m,
+            offset_m: 0.0,
+            sigma_m: 1.0,
+            parts: Vec::new(),
+        };
+        let (correction, calibration) =
+            (solution.model.pose_correction(*strip, *time_s), solution.model.calibration(block));
+        let map = PointMap::new(&pose, &end.lever_arm_m, &correction, &calibration);
+        let mut row = DVector::zeros(solution.model.count());
+        solution.model.row(&end, &along).into_iter().for_each(|(c, v)| row[c] += v);
+        rows.push((along.dot(&map.delta_m(point_m)), row));
+    }
     let count = rows.len() as f64;
-    let mean_m = rows.iter().map(|r| r.1).sum::<f64>() / count;
-    let mean: DVector<f64> = rows.iter().map(|r| &r.2).sum::<DVector<f64>>() / count;
-    let of = |(name, value_m, row): (String, f64, DVector<f64>)| {
+    let mean_m = rows.iter().map(|r| r.0).sum::<f64>() / count;
+    let mean: DVector<f64> = rows.iter().map(|r| &r.1).sum::<DVector<f64>>() / count;
+    let of = |(value_m, row): (f64, DVector<f64>)| {
         let g = row - &mean;
-        (name, value_m - mean_m, g.dot(&(&solution.adjustment.covariance * &g)).max(0.0).sqrt())
+        (value_m - mean_m, g.dot(&(&solution.adjustment.covariance * &g)).max(0.0).sqrt())
     };
     Ok(rows.into_iter().map(of).collect())
 }
 
 /// The largest difference of two solutions over their joint sigma in any strip, with where; shown strip by strip.
 fn agreement(a: &Run, b: &Run) -> Result<f64> {
-    let axes = ["east", "north", "up"];
+    let (axes, stations) = (["east", "north", "up"], stations(a));
     let mut worst = 0.0_f64;
     let mut lines: std::collections::BTreeMap<String, String> = std::collections::BTreeMap::new();
     for (axis, name) in axes.iter().enumerate() {
-        for ((place, x, s), (_, y, t)) in displacements(a, axis)?.into_iter().zip(displacements(b, axis)?) {
+        let both = displacements(a, &stations, axis)?.into_iter().zip(displacements(b, &stations, axis)?);
+        for ((place, ..), ((x, s), (y, t))) in stations.iter().zip(both) {
             let ratio = (y - x).abs() / s.hypot(t);
             worst = worst.max(ratio);
             let text = format!("{name} {:+.1} ± {:.1} mm ({ratio:.1})  ", (y - x) * 1e3, s.hypot(t) * 1e3);
-            lines.entry(place).or_default().push_str(&text);
+            lines.entry(place.clone()).or_default().push_str(&text);
         }
     }
     for (place, line) in lines {
-        println!("    {place:<14} {line}");
+        println!("    {place:<17} {line}");
     }
     Ok(worst)
 }
 
 fn of_set(name: &str, by: &str) -> Result<Vec<Row>> {
     println!("{name}, surface lines:");
-    let surfaces = run(name, Take::Surfaces, by)?;
-    println!("{name}, corners and submaps:");
-    let places = run(name, Take::Places, by)?;
-    println!("  ground below the strips, less the mean of all, against surface lines:");
-    let worst = agreement(&surfaces, &places)?;
+    let surfaces = run(name, Take::Surfaces, by, StripModelChoice::Auto)?;
+    // the sigmas of a stiffer model do not know of what it leaves out: both in the model that the surface lines ask for
+    let has_drift = surfaces.solution.time_models.contains(&Some(TimeModel::Linear));
+    let model = if has_drift { StripModelChoice::Linear } else { StripModelChoice::Constant };
+    println!("{name}, corners and submaps, model by themselves:");
+    let places = run(name, Take::Places, by, StripModelChoice::Auto)?;
+    println!("  places of the strips, less the mean of all, against surface lines:");
+    let chosen = agreement(&surfaces, &places)?;
+    println!("{name}, corners and submaps, {model:?}:");
+    let alike = run(name, Take::Places, by, model)?;
+    println!("  places of the strips, less the mean of all, against surface lines:");
+    let worst = agreement(&surfaces, &alike)?;
     println!("{name}, all:");
-    let both = run(name, Take::Both, by)?;
+    let both = run(name, Take::Both, by, StripModelChoice::Auto)?;
     let mm = |run: &Run, key: &str| number(&run.judged["total"][key]) * 1e3;
     let mut rows =
         vec![Row::at_most(format!("{name}: places against surface lines, worst strip"), worst, 3.0, "sigma")];

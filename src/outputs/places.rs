@@ -23,7 +23,12 @@ pub(super) fn push(table: &mut TieTable, project: &Project, matched: &Matched, s
     for (id, (row, tie)) in (first_id..).zip(matched.ties.places.ties.iter().enumerate()) {
         let of_tie = rows.get(&row).map_or(&[][..], Vec::as_slice);
         let outlier = of_tie.iter().any(|f| f.outlier);
-        let why_not = tie.why_not.as_deref().unwrap_or(if outlier { "outlier" } else { "" });
+        let why_not = match (&tie.why_not, solution) {
+            (Some(why_not), _) => why_not.as_str(),
+            (None, Some(_)) if of_tie.is_empty() => "no_pose",
+            (None, _) if outlier => "outlier",
+            (None, _) => "",
+        };
         let length = |values: &mut dyn Iterator<Item = f64>| 0.5 * values.map(|v| v * v).sum::<f64>().sqrt();
         let before_m = length(&mut tie.directions.iter().map(|d| d.distance_m));
         let after_m = if of_tie.is_empty() { f64::NAN } else { length(&mut of_tie.iter().map(|f| f.after_m)) };

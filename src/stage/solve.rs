@@ -112,6 +112,7 @@ pub fn solve(project: &Project, setup: Setup, ties: &Ties, poses: &Poses) -> Res
     let before = measured(&setup.model(&[]));
     let ladder = ladder(project, &setup);
     let (solved, time_models, trials) = choose::choose(&ladder, &setup.strips, solve_model, &measured)?;
+    told(ties, &places, &solved, &before);
     Ok(Solution {
         model: solved.model,
         adjustment: solved.adjustment,
@@ -144,5 +145,31 @@ fn ladder(project: &Project, setup: &Setup) -> Vec<Option<TimeModel>> {
             }
             models
         }
+    }
+}
+
+/// Tells of every row of a tie of places, for those who ask for it.
+fn told(ties: &Ties, places: &[row::PlaceRow], solved: &Solved, before: &[Line]) {
+    let first = solved.lines.len() - places.len();
+    for (row, k) in places.iter().zip(first..) {
+        let (tie, line, ends) = (&ties.places.ties[row.tie], &solved.lines[k], &solved.adjustment.ends[k]);
+        let distance_mm = |l: &Line| (l.ends[0].offset_m - l.ends[1].offset_m) * 1e3;
+        let sigma_mm = tie.directions[row.direction].sigma_m * 1e3;
+        let d = line.normal;
+        tracing::debug!(
+            "place {} {} {:?} {:?} along {:.2} {:.2} {:.2}: {:+.1} -> {:+.1} mm, sigma {sigma_mm:.1} mm, redundancy {:.2}{}{}",
+            row.tie,
+            tie.kind.as_str(),
+            tie.sightings.map(|s| (s.strip, s.scanner)),
+            tie.points_m[0].map(|v| v.round()).as_slice(),
+            d.x,
+            d.y,
+            d.z,
+            distance_mm(&before[k]),
+            distance_mm(line),
+            ends[0].redundancy + ends[1].redundancy,
+            if line.held_out { ", held out" } else { "" },
+            if ends[0].outlier { ", outlier" } else { "" }
+        );
     }
 }

@@ -31,16 +31,19 @@ pub(super) fn robust_scales(lines: &[Line], residuals: &[Vec<Deviation>], scales
             }
         }
     }
+    // ties of places are few: unknowns may follow them, and what is left says nothing yet
+    let mut least = vec![0.05; scales.len()];
+    lines.iter().filter(|l| l.tie.is_some()).for_each(|l| least[l.class] = 1.0);
     by_class
         .into_iter()
-        .zip(scales)
-        .map(|(mut t, scale)| {
+        .zip(scales.iter().zip(least))
+        .map(|(mut t, (scale, least))| {
             if t.len() < 20 {
                 return *scale;
             }
             let middle = t.len() / 2;
             t.select_nth_unstable_by(middle, f64::total_cmp);
-            (1.4826 * t[middle]).max(0.05)
+            (1.4826 * t[middle]).max(least)
         })
         .collect()
 }

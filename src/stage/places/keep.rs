@@ -8,8 +8,9 @@ use tieline_matching::{CONTROL_FILE, PointBlock, is_place_held_out};
 use crate::project::XyzKind;
 use crate::settings::Settings;
 
-/// Edge of a submap in the smallest cells of the survey \[cells\], and between which edges \[m\]: some ten thousand points of each strip.
-const TILE_CELLS: f64 = 112.0;
+/// Edge of a submap in the smallest cells of the survey \[cells\], and between which edges \[m\]: some five thousand points of each strip, with
+/// which a house or two are in it. Of wider ones there are too few in a small survey to tell a drift.
+const TILE_CELLS: f64 = 25.0;
 const TILE_M: [f64; 2] = [20.0, 50.0];
 /// Points beyond a tile's edge that may belong to it once they are put right \[m\].
 const MARGIN_M: f64 = 1.0;

@@ -57,7 +57,7 @@ pub(super) fn find(points: &TilePoints, strips: &StripIndex, settings: &Settings
             if let Some(why_not) = &why_not {
                 places.reject(PlaceKind::Submap, why_not);
             }
-            places.ties.extend(place_tie(pair, &tie, why_not));
+            places.ties.extend(place_tie(pair, &tie, settings.pairing.sigma_floor_m, why_not));
         }
     }
     Ok(())
@@ -152,8 +152,9 @@ fn tree(views: &[View], strips: &StripIndex) -> Vec<(usize, usize)> {
     kept
 }
 
-/// A registered tile as a tie: the fixed cloud is the first, and first less second place is the shift of the moving one.
-fn place_tie(sightings: [Sighting; 2], tie: &SubmapTie, why_not: Option<String>) -> Option<PlaceTie> {
+/// A registered tile as a tie: the fixed cloud is the first, and first less second place is the shift of the moving one. `floor_m` is what
+/// all points of a strip in a second have in common, as at the ends of surface lines.
+fn place_tie(sightings: [Sighting; 2], tie: &SubmapTie, floor_m: f64, why_not: Option<String>) -> Option<PlaceTie> {
     let found = tie.registration.as_ref()?;
     let directions = found.held.directions.column_iter().zip(found.held.sigma_m.iter()).zip(&found.carriers);
     let directions = directions.map(|((e, sigma_m), carriers)| {
@@ -166,7 +167,7 @@ fn place_tie(sightings: [Sighting; 2], tie: &SubmapTie, why_not: Option<String>)
         Direction {
             direction,
             distance_m: direction.dot(&found.shift_m),
-            sigma_m: *sigma_m,
+            sigma_m: sigma_m.hypot(std::f64::consts::SQRT_2 * floor_m),
             parts: carriers.iter().map(part).collect(),
         }
     });

@@ -4,12 +4,13 @@
 mod common;
 
 use common::Bench;
-use nalgebra::Vector3;
-use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, match_strips, solve_strips};
+use nalgebra::{DVector, Vector3};
+use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, match_strips, setup_of, solve_strips};
 use tieline::progress::Progress;
 use tieline::project::{Project, StripModelChoice, XyzChoice, XyzKind};
 use tieline::stage::places::PlaceKind;
-use tieline_graph::ParameterBlock;
+use tieline::stage::places::row::{measured, rows};
+use tieline_graph::{ParameterBlock, TimeModel};
 use tieline_simulate::{Scenario, SimulationReport, simulate};
 
 /// Errors over sigmas of all observable corrections and calibration terms, and the number of ties of each kind.
@@ -124,6 +125,47 @@ fn submaps_alone_recover_the_truth_within_sigma() {
 #[test]
 fn corners_and_ridges_alone_recover_the_truth_within_sigma() {
     assert_honest(&[7, 8], &[XyzKind::Corner], 30);
+}
+
+#[test]
+fn rows_are_the_derivatives_of_what_they_measure() {
+    let bench = Bench::new();
+    let mut project = Project::load(&bench.path("survey/project.toml")).expect("a project");
+    project.matching.xyz = XyzChoice::Kinds(vec![XyzKind::Corner, XyzKind::Submap]);
+    let options =
+        JobOptions { out: bench.path("out"), memory_bytes: DEFAULT_MEMORY_BYTES, progress: Progress::silent() };
+    let matched = match_strips(&project, &options, &mut Clock::default()).expect("matched");
+    let setup = setup_of(&project, &matched);
+    let mut model = setup.model(&[Some(TimeModel::Linear); 3]);
+    let start = DVector::from_iterator(model.count(), model.parameters().iter().map(|p| 0.2 * p.prior_sigma));
+    model.set_state(start.clone());
+    let rows = rows(&matched.ties.places, &setup, &matched.poses);
+    assert!(rows.len() >= 10, "{} rows", rows.len());
+    let of_kind = |kind: PlaceKind| rows.iter().filter(|r| matched.ties.places.ties[r.tie].kind == kind).take(6);
+    for row in of_kind(PlaceKind::Submap).chain(of_kind(PlaceKind::Ridge)) {
+        let line = measured(row, &model);
+        assert!(line.tie == Some(row.tie) && (line.normal.norm() - 1.0).abs() < 1e-9);
+        for (number, end) in line.ends.iter().enumerate() {
+            let along: Vector3<f64> = end.parts.iter().map(|p| p.along).sum();
+            assert!((along - line.normal).norm() < 1e-9, "a shift of the whole strip is that shift");
+            let derivatives = model.row(end, &line.normal);
+            for i in 0..model.count() {
+                let step = 0.05 * model.parameters()[i].prior_sigma;
+                let offset_m = |sign: f64| {
+                    let (mut moved, mut state) = (model.clone(), start.clone());
+                    state[i] += sign * step;
+                    moved.set_state(state);
+                    measured(row, &moved).ends[number].offset_m
+                };
+                let numeric = (offset_m(1.0) - offset_m(-1.0)) / (2.0 * step);
+                let analytic: f64 = derivatives.iter().filter(|(c, _)| *c == i).map(|(_, v)| *v).sum();
+                // map metres are not quite metres, and rotation vectors are added here
+                let tolerance = 3e-3 * numeric.abs().max(analytic.abs()) + 1e-4;
+                let name = &model.parameters()[i].name;
+                assert!((numeric - analytic).abs() < tolerance, "{name}: {numeric} {analytic}");
+            }
+        }
+    }
 }
 
 fn with_match(bench: &Bench, lines: &str) {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use tieline_matching::xyz::{
     Corner, CornerOptions, Edge, NotTied, Ridge, TileChoice, corners, match_corners, match_ridges, ridges,
 };
-use tieline_matching::{Patch, Sighting, normal_bin};
+use tieline_matching::{CONTROL_FILE, Patch, Sighting, StripIndex, normal_bin};
 
 use super::{Direction, Part, PlaceKind, PlaceTie, Places};
 use crate::project::XyzKind;
@@ -84,9 +84,12 @@ struct Candidate {
 }
 
 /// Finds, matches and appends.
-pub(super) fn find(faces: FacePatches, places: &mut Places) {
+pub(super) fn find(faces: FacePatches, strips: &StripIndex, places: &mut Places) {
     let mut by_sighting: BTreeMap<Sighting, Vec<Patch>> = BTreeMap::new();
-    for patch in faces.patches {
+    // control surfaces have no pose
+    let is_strip =
+        |p: &Patch| strips.strips().get(p.sighting.strip as usize).is_some_and(|s| s.source.file() < CONTROL_FILE);
+    for patch in faces.patches.into_iter().filter(is_strip) {
         by_sighting.entry(patch.sighting).or_default().push(patch);
     }
     let options = CornerOptions::default();

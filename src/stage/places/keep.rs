@@ -8,17 +8,17 @@ use tieline_matching::{CONTROL_FILE, PointBlock, is_place_held_out};
 use crate::project::XyzKind;
 use crate::settings::Settings;
 
-/// Edge of a submap in the smallest cells of the survey \[cells\], and between which edges \[m\]: some five thousand points of each strip, with
-/// which a house or two are in it. Of wider ones there are too few in a small survey to tell a drift.
-const TILE_CELLS: f64 = 25.0;
-const TILE_M: [f64; 2] = [20.0, 50.0];
+/// Edge of a submap in the smallest cells of the survey \[cells\], and between which edges \[m\]: a house or two, some thousand points of each
+/// strip. Of wider ones there are too few in a small survey to tell a drift.
+const TILE_CELLS: f64 = 12.5;
+const TILE_M: [f64; 2] = [25.0, 50.0];
 /// Points beyond a tile's edge that may belong to it once they are put right \[m\].
 const MARGIN_M: f64 = 1.0;
 /// Most points that are kept, in memory and in temporary files: a gigabyte, and a thousand submaps of five strips.
 const MOST_POINTS: f64 = 3.2e7;
 
 /// Share of the tiles that `auto` takes: registering all of them takes about three times as long as all else that `match` does.
-const AUTO_SHARE: f64 = 0.25;
+const AUTO_SHARE: f64 = 0.2;
 
 /// The points that submaps are made of.
 #[derive(Debug, Clone, Copy)]

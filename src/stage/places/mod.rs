@@ -130,7 +130,7 @@ pub fn find(
         submaps::find(points, strips, settings, &mut places)?;
     }
     if let Some(faces) = faces {
-        corners::find(faces, &mut places);
+        corners::find(faces, strips, &mut places);
     }
     for tie in places.ties.iter_mut().filter(|t| t.why_not.is_none()) {
         tie.held_out = is_held_out(tie, settings);

@@ -73,8 +73,12 @@ fn of_tile(
     let views = views(points, tile, strips, settings)?;
     let centre_m = points.choice.corner_m(tile).map(|c| c + 0.5 * points.choice.tile_m);
     let tie = |(i, j): (usize, usize)| {
-        let pair = [views[i].sighting, views[j].sighting];
-        (pair, tie_submap(centre_m, &views[i].cloud(), &views[j].cloud(), options))
+        let mut tie = tie_submap(centre_m, &views[i].cloud(), &views[j].cloud(), options);
+        if let Some(found) = &mut tie.registration {
+            // what they say is in the carriers: thousands of tiles would hold millions of them
+            (found.facets, found.used) = (Vec::new(), Vec::new());
+        }
+        ([views[i].sighting, views[j].sighting], tie)
     };
     Ok(tree(&views, strips).into_par_iter().map(tie).collect())
 }

@@ -51,19 +51,10 @@ fn recovered(seed: u64, kinds: &[XyzKind]) -> Recovered {
         };
         let sigma = solution.adjustment.covariance[(i, i)].sqrt();
         let ratio = (solution.model.state()[i] - truth) / sigma;
-        println!(
-            "{:?} {}: {:+.5} (truth {truth:+.5}) ± {sigma:.5}: {ratio:+.2}, observed {:.2}",
-            parameter.block,
-            parameter.name,
-            solution.model.state()[i],
-            solution.adjustment.observability.share[i]
-        );
         if solution.adjustment.observability.is_observable(i) {
             ratios.push(ratio);
         }
     }
-    println!("{:?} {:?}", solution.adjustment.class_scale, solution.adjustment.common_mode_factor);
-    println!("{:?}", matched.ties.places.rejected);
     let count = |kind: PlaceKind| matched.ties.places.in_use().filter(|(_, t)| t.kind == kind).count();
     Recovered {
         ratios,
@@ -106,12 +97,10 @@ fn assert_honest(seeds: &[u64], kinds: &[XyzKind], least_ties: usize) {
         let asked = |kind: XyzKind| kinds.contains(&kind);
         assert!((found.ties[0] > 0) == asked(XyzKind::Submap), "{:?}", found.ties);
         assert!((found.ties[1] > 0) == asked(XyzKind::Corner), "{:?}", found.ties);
-        println!("seed {seed}: {:?} ties, {} observable", found.ties, found.ratios.len());
         all.extend(found.ratios);
     }
     let rms = (all.iter().map(|r| r * r).sum::<f64>() / all.len() as f64).sqrt();
     let inside = all.iter().filter(|r| r.abs() < 1.96).count() as f64 / all.len() as f64;
-    println!("{} parameters, rms {rms:.2} sigma, {:.0} % within 95 %", all.len(), 100.0 * inside);
     assert!(all.len() >= 12 * seeds.len(), "{} parameters are observable", all.len());
     assert!(rms < 1.3 && inside > 0.88, "rms {rms} sigma, {inside} within 95 %");
     assert!(all.iter().all(|r| r.abs() < 4.5), "{all:?}");

@@ -106,7 +106,6 @@ fn ridges_of_two_sightings_are_tied_within_their_sigmas() {
         assert!(ties(&found).len() >= 9, "{} ties", ties(&found).len());
     }
     let (average, rms_m): (f64, Vector3<f64>) = (sum / count, (squares / count).map(f64::sqrt));
-    println!("{count} ties, {average}, {rms_m}");
     assert!((average - 2.0).abs() < 0.35, "eᵀΣ⁻¹e averages {average}");
     assert!(rms_m.max() < 0.01, "{rms_m}");
 }

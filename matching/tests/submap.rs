@@ -284,8 +284,6 @@ fn carriers_tell_what_a_tilt_does_to_the_shift() {
         assert!(carriers.iter().all(|c| (c.time_s[0] - 100.0).abs() < 1e-3 && (c.time_s[1] - 500.0).abs() < 1e-3));
         let change_m = e.dot(&(after.shift_m - before.shift_m));
         let told_m: f64 = -carriers.iter().map(|c| c.along.dot(&displacement(&c.centre_m))).sum::<f64>();
-        let at_centre_m = -e.dot(&displacement(&after.origin_m));
-        println!("{change_m:.5} {told_m:.5} {at_centre_m:.5}");
         assert!((change_m - told_m).abs() < 1.5e-3, "{change_m} m, carriers say {told_m} m");
     }
 }

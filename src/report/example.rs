@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::data::{
-    AdjustmentSummary, Discrepancies, Discrepancy, FileSummary, PairSummary, ParameterSummary, StripSummary, Summary,
-    TieCounts, TiePoint, Timing, TrialSummary,
+    AdjustmentSummary, Discrepancies, Discrepancy, FileSummary, PairSummary, ParameterSummary, PlaceSummary,
+    StripSummary, Summary, TieCounts, TiePoint, Timing, TrialSummary,
 };
 use crate::settings::Setting;
 
@@ -131,6 +131,16 @@ fn summary(strips: Vec<StripSummary>, couples: &[(usize, usize)], points: &[TieP
         )],
         pairs: pairs.collect(),
         ties: BTreeMap::from([(String::from("surface_line"), counts)]),
+        places: BTreeMap::from([(
+            String::from("ridge"),
+            PlaceSummary {
+                counts: TieCounts { found: 138, used: 97, held_out: 41 },
+                rank: [56, 41, 0],
+                before: statistics(points, |p| !p.held_out, |p| p.before_m),
+                after: statistics(points, |p| !p.held_out, |p| p.after_m),
+                held_out_after: statistics(points, |p| p.held_out, |p| p.after_m),
+            },
+        )]),
         rejected: BTreeMap::from([
             (String::from("normal_angle"), 5210),
             (String::from("roughness"), 31_204),

@@ -31,6 +31,9 @@ pub struct Scan {
     pub submaps: Option<TilePoints>,
 }
 
+/// What a thread has: cells, points of pavement, points of submaps.
+type OfThread<'a> = (Accumulator, Option<Keeping<'a>>, Option<TileKeeper>);
+
 const TEMPORARY: &str = "a temporary file for patches cannot be written; free the disk or set TMPDIR";
 
 /// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` and
@@ -55,7 +58,7 @@ pub fn scan(
     let threads = rayon::current_num_threads();
     let total: u64 = survey.files.iter().map(|f| f.las.header().point_count).sum();
     let bar = progress.bar("reading points", total);
-    let parts: Vec<Result<(Accumulator, Option<Keeping<'_>>, Option<TileKeeper>)>> = (0..threads)
+    let parts: Vec<Result<OfThread<'_>>> = (0..threads)
         .into_par_iter()
         .with_max_len(1)
         .map(|_| {

@@ -83,6 +83,9 @@ struct Candidate {
     variance_m2: f64,
 }
 
+/// How many were not tied, by kind and reason.
+type Refused = BTreeMap<(PlaceKind, NotTied), u64>;
+
 /// Finds, matches and appends.
 pub(super) fn find(faces: FacePatches, strips: &StripIndex, places: &mut Places) {
     let mut by_sighting: BTreeMap<Sighting, Vec<Patch>> = BTreeMap::new();
@@ -103,7 +106,7 @@ pub(super) fn find(faces: FacePatches, strips: &StripIndex, places: &mut Places)
         })
         .collect();
     let pairs: Vec<(usize, usize)> = (0..seen.len()).flat_map(|i| (i + 1..seen.len()).map(move |j| (i, j))).collect();
-    let found: Vec<(Vec<Candidate>, BTreeMap<(PlaceKind, NotTied), u64>)> =
+    let found: Vec<(Vec<Candidate>, Refused)> =
         pairs.into_par_iter().map(|pair| of_pair(&seen, pair, &options)).collect();
     let mut candidates = Vec::new();
     for (of_pair, rejected) in found {
@@ -115,13 +118,9 @@ pub(super) fn find(faces: FacePatches, strips: &StripIndex, places: &mut Places)
     without_rings(candidates, places);
 }
 
-fn of_pair(
-    seen: &[Seen],
-    (i, j): (usize, usize),
-    options: &CornerOptions,
-) -> (Vec<Candidate>, BTreeMap<(PlaceKind, NotTied), u64>) {
+fn of_pair(seen: &[Seen], (i, j): (usize, usize), options: &CornerOptions) -> (Vec<Candidate>, Refused) {
     let (a, b) = (&seen[i], &seen[j]);
-    let (mut found, mut rejected) = (Vec::new(), BTreeMap::new());
+    let (mut found, mut rejected) = (Vec::new(), Refused::new());
     let sightings = [a.sighting, b.sighting];
     for (row, tie) in match_ridges(&a.ridges, &b.ridges, options).into_iter().enumerate() {
         match (tie.rejection, &tie.second) {
@@ -218,7 +217,7 @@ fn without_rings(mut candidates: Vec<Candidate>, places: &mut Places) {
         }
     }
     // in order of sightings, as they were found
-    kept.sort_by(|a, b| (a.tie.kind, a.rows).cmp(&(b.tie.kind, b.rows)));
+    kept.sort_by_key(|c| (c.tie.kind, c.rows));
     places.ties.extend(kept.into_iter().map(|c| c.tie));
 }
 

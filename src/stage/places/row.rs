@@ -1,6 +1,6 @@
 //! Ties of places as rows of the adjustment: one line for each direction held.
 //!
-//! Along a direction d the observation is d·(p_i - p_j) = 0 with the places after the corrections. The directions of a tie are
+//! Along a direction d the observation is `d·(p_i - p_j) = 0` with the places after the corrections. The directions of a tie are
 //! eigenvectors of its covariance, so that its rows are independent. Each is a line of two ends: half of the variance at either.
 
 use tieline_filter::Pose;

@@ -36,13 +36,16 @@ impl View {
     }
 }
 
+/// A tile registered for a pair of sightings.
+type OfPair = ([Sighting; 2], SubmapTie);
+
 /// Registers all tiles and appends their ties.
 pub(super) fn find(points: &TilePoints, strips: &StripIndex, settings: &Settings, places: &mut Places) -> Result<()> {
     let options = TileOptions { tile_m: points.choice.tile_m, ..TileOptions::default() };
     let tiles = points.tiles();
     let mut by_pair: BTreeMap<[Sighting; 2], Vec<SubmapTie>> = BTreeMap::new();
     for batch in tiles.chunks(BATCH * rayon::current_num_threads().max(1)) {
-        let found: Vec<Result<Vec<([Sighting; 2], SubmapTie)>>> =
+        let found: Vec<Result<Vec<OfPair>>> =
             batch.par_iter().map(|tile| of_tile(points, *tile, strips, settings, &options)).collect();
         for tile in found {
             for (pair, tie) in tile? {
@@ -69,7 +72,7 @@ fn of_tile(
     strips: &StripIndex,
     settings: &Settings,
     options: &TileOptions,
-) -> Result<Vec<([Sighting; 2], SubmapTie)>> {
+) -> Result<Vec<OfPair>> {
     let views = views(points, tile, strips, settings)?;
     let centre_m = points.choice.corner_m(tile).map(|c| c + 0.5 * points.choice.tile_m);
     let tie = |(i, j): (usize, usize)| {
@@ -143,7 +146,7 @@ fn tree(views: &[View], strips: &StripIndex) -> Vec<(usize, usize)> {
             }
         }
     }
-    pairs.sort_by(|a, b| b.0.cmp(&a.0));
+    pairs.sort_by_key(|p| std::cmp::Reverse(p.0));
     let mut group: Vec<usize> = (0..views.len()).collect();
     let mut kept = Vec::new();
     for (_, (i, j)) in pairs {

@@ -9,7 +9,7 @@ use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, match_strips, setup_
 use tieline::progress::Progress;
 use tieline::project::{Project, StripModelChoice, XyzChoice, XyzKind};
 use tieline::stage::places::PlaceKind;
-use tieline::stage::places::row::{measured, rows};
+use tieline::stage::places::row::{PlaceRow, measured, rows};
 use tieline_graph::{ParameterBlock, TimeModel};
 use tieline_simulate::{Scenario, SimulationReport, simulate};
 
@@ -130,8 +130,10 @@ fn rows_are_the_derivatives_of_what_they_measure() {
     model.set_state(start.clone());
     let rows = rows(&matched.ties.places, &setup, &matched.poses);
     assert!(rows.len() >= 10, "{} rows", rows.len());
-    let of_kind = |kind: PlaceKind| rows.iter().filter(|r| matched.ties.places.ties[r.tie].kind == kind).take(6);
-    for row in of_kind(PlaceKind::Submap).chain(of_kind(PlaceKind::Ridge)) {
+    let kind = |r: &PlaceRow| matched.ties.places.ties[r.tie].kind;
+    let submaps = rows.iter().filter(|r| kind(r) == PlaceKind::Submap).take(6);
+    let ridges = rows.iter().filter(|r| kind(r) == PlaceKind::Ridge).take(6);
+    for row in submaps.chain(ridges) {
         let line = measured(row, &model);
         assert!(line.tie == Some(row.tie) && (line.normal.norm() - 1.0).abs() < 1e-9);
         for (number, end) in line.ends.iter().enumerate() {

@@ -2,7 +2,9 @@
 
 mod clouds;
 mod pair;
+mod straight;
 mod texture;
 
 pub(crate) use pair::registration;
+pub(crate) use straight::straight;
 pub(crate) use texture::{accuracy, false_ties, time};

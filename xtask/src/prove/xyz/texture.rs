@@ -117,7 +117,7 @@ impl Judged {
 }
 
 /// A project with `xyz` in its `[match]`, beside the original.
-fn asked(project: &Path, xyz: &str) -> Result<PathBuf> {
+pub(super) fn asked(project: &Path, xyz: &str) -> Result<PathBuf> {
     let source = std::fs::read_to_string(project)?;
     ensure!(!source.contains("[match]"), "{}: has a [match] already", project.display());
     let beside = project.with_file_name("asked.toml");

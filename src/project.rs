@@ -3,6 +3,7 @@
 pub mod measurements;
 mod stations;
 mod strips;
+mod xyz;
 
 use std::path::{Path, PathBuf};
 
@@ -11,8 +12,9 @@ use serde::{Deserialize, Serialize};
 pub use stations::{ExtrinsicsSection, StationsSection};
 pub use strips::{
     CalibrateSection, CorrectSection, KnownTerm, MatchSection, RangeOver, ReturnsChoice, ScannerChoice, SolveSection,
-    SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord, XyzChoice,
+    SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord,
 };
+pub use xyz::{XyzChoice, XyzWord};
 
 use measurements::{
     GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, TiesSection, VehicleSection,

@@ -83,6 +83,7 @@ impl Truth {
     /// When a scanner's plane passes a place within a span, near enough to see it; where the strips as delivered have it then.
     fn seen(&self, scanner: usize, place_m: &Vector3<f64>, (from_s, to_s): (f64, f64)) -> Option<(f64, Vector3<f64>)> {
         let scanner = &self.scanners[scanner];
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let steps = ((to_s - from_s) / 0.05) as u32;
         let off = |time_s: f64| self.ray_m(scanner, time_s, place_m).filter(|r| r.norm() < 20.0).map(|r| r.x);
         let (mut low_s, mut high_s) = (0..steps).map(|k| from_s + 0.05 * f64::from(k)).find_map(|time_s| {

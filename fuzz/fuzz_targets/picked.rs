@@ -11,7 +11,7 @@ const HEADER: &[u8] = b"point,gps_time_s,x_m,y_m,z_m,sigma_plan_m,sigma_height_m
 
 fuzz_target!(|data: &[u8]| {
     let below = [HEADER, data].concat();
-    for text in [data, &below] {
+    for text in [data, &below[..]] {
         let Ok(points) = read_from(Cursor::new(text), Path::new("fuzz")) else { continue };
         for point in &points {
             assert!(point.sightings.len() + usize::from(point.known.is_some()) >= 2, "{point:?}");

@@ -9,6 +9,10 @@ use nalgebra::{Matrix3, Vector3};
 pub enum XyzKind {
     /// By the brightness of pavement.
     Texture,
+    /// Where two walls and the ground meet, or two walls.
+    Corner,
+    /// By the trunk or the post that stands there.
+    Pole,
     /// By a person.
     Picked,
 }
@@ -19,6 +23,8 @@ impl XyzKind {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Texture => "texture",
+            Self::Corner => "corner",
+            Self::Pole => "pole",
             Self::Picked => "picked",
         }
     }

@@ -14,6 +14,7 @@ pub mod correction;
 pub mod curve;
 pub mod cut;
 pub mod decided;
+pub mod features;
 pub mod known;
 pub mod merge;
 pub mod motion;
@@ -23,6 +24,7 @@ pub mod over;
 pub mod picked;
 pub mod points;
 pub mod residuals;
+mod result;
 pub mod seen;
 pub mod spots;
 pub mod spread;
@@ -40,17 +42,15 @@ use tieline_matching::xyz::{XyzKind, XyzPoint};
 use crate::job::{Clock, Matched};
 use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
-use crate::stage::ties::Ties;
 use again::{MeasuredAgain, measure_again};
-use calibrated::Calibrated;
 use choose::{Chosen, choose};
 use constants::{Constants, Term};
 use correction::DriveCorrection;
 pub use decided::{Decided, Decisions};
 use known::Known;
 pub(crate) use notes::notes_of_terms;
-use picked::PickedFate;
 use points::{PointTie, point_ties};
+pub use result::DriveSolution;
 use seen::{Seen, seen_of};
 use ties::{DriveLine, Sighted, range_span, sighted};
 
@@ -67,65 +67,6 @@ const MOST_ROUNDS: usize = 3;
 pub const MOST_LIVE: usize = 192;
 /// And while the variances of ties are being found, for which fewer do.
 const MOST_LIVE_IN_ROUNDS: usize = 96;
-
-/// What became of a drive.
-#[derive(Debug)]
-pub struct DriveSolution {
-    /// The smoother's.
-    pub solution: Solution,
-    /// What it was given, ties included.
-    pub inputs: Inputs,
-    /// The constants of the calibration.
-    pub constants: Constants,
-    /// Lines with their ends.
-    pub lines: Vec<DriveLine>,
-    /// Which of them became ties.
-    pub chosen: Chosen,
-    /// Points that are ties, and of them those that went to the smoother, after those of lines.
-    pub points: (Vec<PointTie>, Vec<PointTie>),
-    /// The new trajectory in the map, on the clock of the strips.
-    pub trajectory: Trajectory,
-    /// Seconds from the strips' clock to that of the measurements.
-    pub clock_shift_s: f64,
-    /// Nearest and farthest range of each scanner in use, the half per cent at either end left out \[m\].
-    pub ranges_m: Vec<(f64, f64)>,
-    /// What a person should be told.
-    pub notes: Vec<String>,
-    /// What was decided on the way to it.
-    pub decisions: Decisions,
-    /// The ties as they were measured again, when they were.
-    pub again: Option<MeasuredAgain>,
-    /// What the patches were moved by to measure them again.
-    pub moved_by: Option<DriveCorrection>,
-    /// What became of points picked by hand.
-    pub picked: Vec<PickedFate>,
-}
-
-impl DriveSolution {
-    /// The ties that the lines are of: those measured last.
-    #[must_use]
-    pub fn ties<'a>(&'a self, matched: &'a Matched) -> &'a Ties {
-        self.again.as_ref().map_or(&matched.ties, |again| &again.ties)
-    }
-
-    /// What there is to say of the calibration.
-    #[must_use]
-    pub fn calibrated(&self) -> Calibrated<'_> {
-        Calibrated {
-            constants: &self.constants,
-            estimate: &self.solution.calibration,
-            ranges_m: &self.ranges_m,
-            verdicts: &self.decisions.verdicts,
-        }
-    }
-
-    /// The new pose at a time of the strips' clock, in the map; held a moment beyond the ends, where GNSS and IMU end before
-    /// the last profile.
-    #[must_use]
-    pub fn pose_at(&self, time_s: f64) -> Option<Pose> {
-        held_pose_at(&self.trajectory, time_s)
-    }
-}
 
 /// So far beyond its ends the new trajectory is held \[s\].
 const HELD_S: f64 = 0.002;
@@ -216,7 +157,7 @@ impl<'a> Prepared<'a> {
         let mut options = options(project)?;
         options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
         let picked = picked::points_of(project, matched)?;
-        let for_found = if matched.spots.is_empty() { 0 } else { spots::MOST_LIVE };
+        let for_found = if matched.spots.is_empty() && matched.features.is_empty() { 0 } else { spots::MOST_LIVE };
         let for_picked = point_ties(matched, &picked, crs, &none, clock_shift_s)?;
         options.ties.most_live = MOST_LIVE + for_found + points::most_live(for_picked.iter().map(|p| &p.tie));
         Ok(Self {
@@ -320,7 +261,9 @@ impl<'a> Prepared<'a> {
                 decisions.factors.apply(lines);
                 choose(lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s)
             });
-            let mut found = spots::points_of(self.matched, decisions.factor_of(XyzKind::Texture));
+            let factor_of = |kind: XyzKind| decisions.factor_of(kind);
+            let mut found = spots::points_of(self.matched, factor_of(XyzKind::Texture));
+            found.extend(features::points_of(&self.matched.features, &factor_of));
             found.extend_from_slice(&self.picked);
             let all = point_ties(self.matched, &found, self.crs, &constants, self.clock_shift_s)?;
             let points = spots::thinned(&all, chosen.ties.len() as u64);
@@ -400,6 +343,9 @@ pub fn solve(
     notes.extend(drive.again.as_ref().map(|again| again.gain.note()));
     notes.extend(decisions.factors.note());
     notes.extend(spots::note((&points.0, &points.1), decisions.factor_of(XyzKind::Texture)));
+    for (kind, name) in [(XyzKind::Corner, "corners of walls"), (XyzKind::Pole, "poles and trunks")] {
+        notes.extend(features::note((&points.0, &points.1), kind, name, &decisions));
+    }
     let astray = decisions.strays.len();
     notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
     notes.extend(drive.notes);

@@ -172,7 +172,7 @@ pub fn fates(drive: &DriveSolution, shift_s: f64) -> Vec<PickedFate> {
             (gps_time_s, end.scanner, off_m(&before_m, known_m, k), off_m(&after_m, known_m, k))
         });
         // one of several sightings may be left out as well
-        let heard = |w: &[f64]| w.iter().skip(usize::from(!point.tie.known_m.is_some())).all(|w| *w > 0.0);
+        let heard = |w: &[f64]| w.iter().skip(usize::from(point.tie.known_m.is_none())).all(|w| *w > 0.0);
         let why_not = fate.why_not.or_else(|| (!heard(&fate.weights)).then_some("innovation")).map(String::from);
         Some(PickedFate { name, known: known_m.is_some(), sightings: sightings.collect(), why_not })
     };

@@ -11,7 +11,7 @@ pub enum XyzChoice {
     /// None.
     #[default]
     Off,
-    /// Those that there are: all for drives, none for strips.
+    /// Texture for drives, none for strips: what corners and poles cost is not within its bound yet.
     Auto,
     /// These.
     Kinds(BTreeSet<XyzWord>),
@@ -59,7 +59,7 @@ impl XyzChoice {
     pub fn has(&self, word: XyzWord) -> bool {
         match self {
             Self::Off => false,
-            Self::Auto => true,
+            Self::Auto => word == XyzWord::Texture,
             Self::Kinds(words) => words.contains(&word),
         }
     }
@@ -128,7 +128,7 @@ mod tests {
             ("", XyzChoice::Off, vec![]),
             ("xyz = \"off\"", XyzChoice::Off, vec![]),
             ("xyz = []", XyzChoice::Off, vec![]),
-            ("xyz = \"auto\"", XyzChoice::Auto, XyzWord::ALL.to_vec()),
+            ("xyz = \"auto\"", XyzChoice::Auto, vec![XyzWord::Texture]),
             ("xyz = [\"texture\"]", kinds(&[XyzWord::Texture]), vec![XyzWord::Texture]),
             (
                 "xyz = [\"pole\", \"texture\"]",

@@ -9,7 +9,7 @@ use tieline_matching::{
     patches_of_tile,
 };
 
-use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord};
+use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord, XyzWord};
 use crate::sample::{Sample, block};
 use crate::survey::{Survey, SurveyFile};
 
@@ -206,13 +206,12 @@ impl Settings {
         if let Some(surfaces) = &limits.surfaces {
             tell("match.surfaces", format!("{surfaces:?}").to_lowercase(), asked);
         }
-        let xyz = match (m.xyz.texture(), &project.imu) {
-            (false, _) => None,
-            (true, Some(_)) => Some(("texture", "spots of pavement that several sightings show alike")),
-            (true, None) => Some(("none", "of strips, no XYZ points are looked for yet")),
-        };
-        if let Some((value, reason)) = xyz {
-            tell("match.xyz", String::from(value), reason);
+        let kinds: Vec<XyzWord> = m.xyz.words().collect();
+        let join = |of: &dyn Fn(XyzWord) -> &'static str| kinds.iter().map(|k| of(*k)).collect::<Vec<_>>().join(", ");
+        match (kinds.is_empty(), &project.imu) {
+            (true, _) => {}
+            (false, Some(_)) => tell("match.xyz", join(&XyzWord::as_str), &join(&XyzWord::meaning)),
+            (false, None) => tell("match.xyz", String::from("none"), "of strips, no XYZ points are looked for yet"),
         }
         // a drive lives on increments: so many a second
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use tieline_graph::CalibrationTerms;
 
+use super::xyz::XyzChoice;
 use crate::stage::drive::constants::Term;
 
 /// `[[strips]]`
@@ -132,68 +133,6 @@ pub struct MatchSection {
     pub seed: Option<u64>,
     /// Drives: whether ties are measured again on the corrected cloud, and the adjustment made once more with them; so it is when left out.
     pub measure_again: Option<bool>,
-}
-
-/// `xyz`: `"off"`, `"auto"` or a list of kinds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(try_from = "XyzWords", into = "XyzWords")]
-pub enum XyzChoice {
-    /// None.
-    #[default]
-    Off,
-    /// Those that there are: texture for drives, none for strips.
-    Auto,
-    /// Texture of pavement.
-    Texture,
-}
-
-impl XyzChoice {
-    /// Whether texture is looked for in a drive.
-    #[must_use]
-    pub fn texture(self) -> bool {
-        self != Self::Off
-    }
-}
-
-/// `xyz` as it is written.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum XyzWords {
-    One(String),
-    Several(Vec<String>),
-}
-
-impl TryFrom<XyzWords> for XyzChoice {
-    type Error = String;
-
-    fn try_from(words: XyzWords) -> Result<Self, String> {
-        const DUE: &str = "\"auto\", \"off\" or [\"texture\"] is due";
-        match words {
-            XyzWords::One(word) => match word.as_str() {
-                "off" => Ok(Self::Off),
-                "auto" => Ok(Self::Auto),
-                other => Err(format!("match.xyz = \"{other}\" is not known: {DUE}")),
-            },
-            XyzWords::Several(words) => match words.iter().find(|w| *w != "texture") {
-                None if words.is_empty() => Ok(Self::Off),
-                None => Ok(Self::Texture),
-                Some(word) if ["corner", "pole", "submap"].contains(&word.as_str()) => {
-                    Err(format!("match.xyz: \"{word}\" is not there for jobs yet: {DUE}"))
-                }
-                Some(word) => Err(format!("match.xyz: \"{word}\" is not known: {DUE}")),
-            },
-        }
-    }
-}
-
-impl From<XyzChoice> for XyzWords {
-    fn from(choice: XyzChoice) -> Self {
-        match choice {
-            XyzChoice::Off => Self::One(String::from("off")),
-            XyzChoice::Auto => Self::One(String::from("auto")),
-            XyzChoice::Texture => Self::Several(vec![String::from("texture")]),
-        }
-    }
 }
 
 /// `surfaces`: by the slope of their normal, whose height is 0.7 at 45°.
@@ -407,38 +346,6 @@ pub struct CorrectSection {
 mod tests {
     use super::*;
     use crate::project::parse_str;
-
-    fn section(line: &str) -> Result<MatchSection, String> {
-        toml::from_str(line).map_err(|error| error.to_string())
-    }
-
-    #[test]
-    fn kinds_of_points_are_read_and_written_again() {
-        for (line, due) in [
-            ("", XyzChoice::Off),
-            ("xyz = \"off\"", XyzChoice::Off),
-            ("xyz = []", XyzChoice::Off),
-            ("xyz = \"auto\"", XyzChoice::Auto),
-            ("xyz = [\"texture\"]", XyzChoice::Texture),
-        ] {
-            let read = section(line).expect("known words");
-            assert_eq!((read.xyz, read.xyz.texture()), (due, due != XyzChoice::Off));
-            let written = toml::to_string(&read).expect("written");
-            assert_eq!(section(&written), Ok(read));
-        }
-    }
-
-    #[test]
-    fn unknown_kinds_are_refused_with_those_that_are_due() {
-        for (line, word) in [
-            ("xyz = \"texture\"", "\"texture\" is not known"),
-            ("xyz = [\"textur\"]", "\"textur\" is not known"),
-            ("xyz = [\"texture\", \"pole\"]", "\"pole\" is not there for jobs yet"),
-        ] {
-            let error = section(line).expect_err("refused");
-            assert!(error.contains(word) && error.contains("\"auto\", \"off\" or [\"texture\"] is due"), "{error}");
-        }
-    }
 
     #[test]
     fn what_the_range_correction_is_over_is_looked_at() {

@@ -5,13 +5,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 use tieline_io::las::Columns;
+use tieline_matching::xyz::TilePoints;
 use tieline_matching::xyz::texture::TexturePoints;
 use tieline_matching::{Accumulator, BinSketch, PassCounts, Run, Sketches, SourceKey};
 
 use crate::progress::Progress;
 use crate::sample::block;
 use crate::settings::Settings;
-use crate::stage::texture::{Keeping, Pavement};
+use crate::stage::nearby::{Keeping, Nearby};
 use crate::survey::Survey;
 
 /// What the pass gives.
@@ -25,20 +26,17 @@ pub struct Scan {
     pub counts: PassCounts,
     /// Points of pavement, where they are asked for.
     pub pavement: Option<TexturePoints>,
+    /// Points beside the road, where posts are asked for.
+    pub posts: Option<TilePoints>,
 }
 
 const TEMPORARY: &str = "a temporary file for patches cannot be written; free the disk or set TMPDIR";
 
-/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` are kept.
+/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; those `nearby` are kept.
 ///
 /// # Errors
 /// The first chunk that cannot be read, with its file.
-pub fn scan(
-    survey: &Survey,
-    settings: &Settings,
-    pavement: Option<&Pavement<'_>>,
-    progress: &Progress,
-) -> Result<Scan> {
+pub fn scan(survey: &Survey, settings: &Settings, nearby: Option<&Nearby<'_>>, progress: &Progress) -> Result<Scan> {
     let tasks: Vec<(usize, usize)> = survey
         .files
         .iter()
@@ -54,7 +52,7 @@ pub fn scan(
         .with_max_len(1)
         .map(|_| {
             let mut accumulator = Accumulator::new(settings.grid.clone());
-            let mut keeping = pavement.map(Pavement::keeping);
+            let mut keeping = nearby.map(Nearby::keeping);
             let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
             while let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let file = &survey.files[*f];
@@ -72,18 +70,22 @@ pub fn scan(
         })
         .collect();
     bar.finish();
-    let mut scan = Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None };
-    let mut keepers = Vec::new();
+    let mut scan =
+        Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None, posts: None };
+    let (mut pavement, mut posts) = (Vec::new(), Vec::new());
     let mut sketches = Sketches::default();
     for part in parts {
         let (accumulator, keeping) = part?;
-        keepers.extend(keeping.map(Keeping::finish));
+        let kept = keeping.map(Keeping::finish).unwrap_or_default();
+        pavement.extend(kept.0);
+        posts.extend(kept.1);
         let (runs, of_thread, counts) = accumulator.finish();
         scan.runs.extend(runs);
         sketches.merge(of_thread);
         scan.counts.merge(&counts);
     }
     scan.sketches = sketches.into_sorted();
-    scan.pavement = pavement.map(|_| TexturePoints::new(keepers));
+    scan.pavement = (!pavement.is_empty()).then(|| TexturePoints::new(pavement));
+    scan.posts = (!posts.is_empty()).then(|| TilePoints::new(posts));
     Ok(scan)
 }

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_filter::Pose;
+use tieline_matching::xyz::{StreetCorner, StreetCornerOptions, street_corners};
 use tieline_matching::{
     BinSketch, Cell, End, Patch, RejectOptions, Rejection, RowEnd, Sighting, SourceKey, Spacing, StripIndex,
     SurfaceLine, TileMerge, is_held_out, line_of, mix, normal_bin, pair_rows, patches_of_tile, reject_by_distance,
@@ -59,6 +60,7 @@ struct OfTile {
     tied: Vec<SurfaceLine>,
     loose: Vec<SurfaceLine>,
     lone: Vec<Patch>,
+    corners: Vec<StreetCorner>,
 }
 
 /// Tiles worked on at a time.
@@ -66,7 +68,7 @@ const BATCH: usize = 64;
 /// Candidates kept per tie of the budget.
 const CANDIDATES: usize = 2;
 
-/// Finds, rejects and selects the surface lines of a survey.
+/// Finds, rejects and selects the surface lines of a survey; corners of walls as well, where they are asked for.
 ///
 /// # Errors
 /// When cells that were spilled to disk cannot be read back.
@@ -76,8 +78,9 @@ pub fn find(
     settings: &Settings,
     control: &[ControlPoint],
     poses: &Poses,
-) -> Result<Ties> {
-    let mut ties = Ties::default();
+    corners: Option<&StreetCornerOptions>,
+) -> Result<(Ties, Vec<StreetCorner>)> {
+    let (mut ties, mut all_corners) = (Ties::default(), Vec::new());
     let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles(&scan.sketches, settings).max(1)).max(12);
     let mut merge = TileMerge::new(scan.runs).context("reading back a temporary file")?;
     loop {
@@ -95,15 +98,26 @@ pub fn find(
                 let cells = thin_cells(cells, 3 * per_tile / 2, settings);
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
-                let mut refused = BTreeMap::new();
+                let (mut refused, mut grazing) = (BTreeMap::new(), Vec::new());
                 patches.retain(|p| {
                     let why = beyond(p, &settings.limits, poses, &settings.grid.origin_m);
+                    if corners.is_some()
+                        && why == Some(Rejection::Grazing)
+                        && SurfaceWord::of(p.normal.z) == SurfaceWord::Level
+                    {
+                        grazing.push(p.clone());
+                    }
                     why.map(|why| *refused.entry(why).or_default() += 1).is_none()
                 });
-                thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 if settings.is_drive {
                     face_the_vehicle(&mut patches, poses, &settings.grid.origin_m);
                 }
+                let corners = corners.map_or_else(Vec::new, |options| {
+                    // the foot of a wall is met at a grazing angle: its height is known all the same, from many patches
+                    let all: Vec<Patch> = patches.iter().cloned().chain(grazing).collect();
+                    street_corners(&all, options)
+                });
+                thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 add_control(&mut patches, control, settings);
                 let rows = pair_rows(&patches, &settings.pairing);
                 let lone = if settings.is_drive { lone(&patches, &rows, per_tile, settings) } else { Vec::new() };
@@ -111,7 +125,7 @@ pub fn find(
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
                 let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
-                OfTile { patches: count, refused, found, tied, loose, lone }
+                OfTile { patches: count, refused, found, tied, loose, lone, corners }
             })
             .collect();
         for tile in found {
@@ -123,10 +137,11 @@ pub fn find(
             ties.lines.extend(tile.tied);
             ties.lines.extend(tile.loose);
             ties.lone.extend(tile.lone);
+            all_corners.extend(tile.corners);
         }
     }
     judge(&mut ties, strips, settings);
-    Ok(ties)
+    Ok((ties, all_corners))
 }
 
 /// Why a patch takes no part: beyond the limits that were asked for, or seen at a grazing angle.
@@ -336,20 +351,7 @@ fn mark_budget(ties: &mut Ties) {
         }
         keep.push(!unused || left_out <= KEPT_FOR_THE_MAPS);
     }
-    let mut new_row = vec![0; keep.len()];
-    let mut next = 0;
-    for (row, kept) in new_row.iter_mut().zip(&keep) {
-        *row = next;
-        next += usize::from(*kept);
-    }
-    for row in &mut ties.selected {
-        *row = new_row[*row];
-    }
-    let mut row = 0;
-    ties.lines.retain(|_| {
-        row += 1;
-        keep[row - 1]
-    });
+    ties.keep(&keep);
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Proofs on XYZ points.
 
 mod clouds;
+mod judged;
 mod pair;
 mod straight;
 mod texture;

@@ -9,7 +9,7 @@ use tieline_filter::Trajectory;
 use crate::prove::Row;
 use crate::prove::mobile::{apart_ned_m, load, median, seeds, simulate, text, tieline, windows};
 
-use super::texture::asked;
+use super::judged::asked;
 
 /// Largest error along the way and across it within the outages \[m\].
 fn largest_m(data: &Path, trajectory: &Trajectory) -> Result<[f64; 2]> {

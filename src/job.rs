@@ -9,24 +9,28 @@ use rayon::prelude::*;
 use tieline_graph::Model;
 use tieline_io::las::Columns;
 use tieline_matching::xyz::texture::SpotTie;
+use tieline_matching::xyz::{FeatureTie, StreetCornerOptions};
 use tieline_matching::{CONTROL_FILE, SourceKey, SourceRule, StripIndex, geometry::StripBox};
 
 use crate::cpu;
 use crate::progress::Progress;
-use crate::project::{ControlKind, Project};
+use crate::project::{ControlKind, Project, XyzWord};
 use crate::report::data::{FileSummary, Timing};
 use crate::sample::Sample;
 use crate::settings::{Grouping, Setting, Settings};
+use crate::stage::corners::corners;
 use crate::stage::correct::{Corrections, correct_file, output_names};
 use crate::stage::drive::check;
 use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::cut::{Collector, Cut, CutPoint};
 use crate::stage::navigate::Measurements;
+use crate::stage::nearby::Nearby;
 use crate::stage::places::{self, keep::SubmapPoints};
+use crate::stage::poles::poles_of;
 use crate::stage::scan::scan;
 use crate::stage::solve::{Setup, Solution, solve};
-use crate::stage::texture::{Pavement, spots};
-use crate::stage::ties::{ControlPoint, Ties, find};
+use crate::stage::texture::spots;
+use crate::stage::ties::{ControlPoint, Found, Ties, find};
 use crate::stage::trajectory::{Poses, load};
 use crate::survey::Survey;
 
@@ -99,6 +103,8 @@ pub struct Matched {
     pub ties: Ties,
     /// Spots of pavement, where they were looked for.
     pub spots: Vec<SpotTie>,
+    /// Corners and poles, where they were looked for.
+    pub features: Vec<FeatureTie>,
     /// Points read.
     pub points: u64,
 }
@@ -141,13 +147,16 @@ fn match_all(
         }
         anyhow::Ok((settings, sample.chunks.iter().map(|c| c.1.len() as u64).sum()))
     })?;
-    let pavement = given.as_ref().filter(|_| measurements.is_some() && project.matching.xyz.texture()).map(|given| {
-        Pavement::new(project, given, survey.origin_m, options.memory_bytes, rayon::current_num_threads())
+    let is_asked = |word: XyzWord| measurements.is_some() && project.matching.xyz.has(word);
+    let wanted = [is_asked(XyzWord::Texture), is_asked(XyzWord::Pole)];
+    let nearby = given.as_ref().filter(|_| wanted.contains(&true)).map(|given| {
+        Nearby::new(project, given, survey.origin_m, wanted, (options.memory_bytes, rayon::current_num_threads()))
     });
     let submaps = SubmapPoints::new(&settings, survey.points(), options.memory_bytes, rayon::current_num_threads());
     let mut scanned =
-        clock.time("scan", || scan(&survey, &settings, pavement.as_ref(), submaps.as_ref(), &options.progress))?;
-    let (points_of_pavement, points_of_submaps) = (scanned.pavement.take(), scanned.submaps.take());
+        clock.time("scan", || scan(&survey, &settings, nearby.as_ref(), submaps.as_ref(), &options.progress))?;
+    let (points_of_pavement, points_beside) = (scanned.pavement.take(), scanned.posts.take());
+    let points_of_submaps = scanned.submaps.take();
     let points = scanned.counts.read;
     clock.passed("open", sampled, survey.points());
     clock.passed("scan", points, survey.points());
@@ -163,9 +172,18 @@ fn match_all(
     poses.notes = notes;
     check_overlap(&strips, &scanned.sketches)?;
     let control = control_points(project, &survey)?;
-    let (mut ties, faces) = clock.time("ties", || find(scanned, &strips, &settings, &control, &poses))?;
+    let street = is_asked(XyzWord::Corner).then(StreetCornerOptions::default);
+    let Found { mut ties, faces, corners: found_corners } =
+        clock.time("ties", || find(scanned, &strips, &settings, &control, &poses, street.as_ref()))?;
     if !settings.xyz.is_empty() && !settings.is_drive {
         ties.places = clock.time("xyz", || places::find(points_of_submaps.as_ref(), faces, &strips, &settings))?;
+    }
+    let mut features = Vec::new();
+    if let Some(trajectory) = poses.shared().filter(|_| street.is_some()) {
+        let origin_m = survey.origin();
+        let (found, note) = clock.time("corners", || corners(found_corners, &mut ties, project, trajectory, &origin_m));
+        features = found;
+        poses.notes.push(note);
     }
     let mut spots_of_pavement = Vec::new();
     if let Some((points, trajectory)) = points_of_pavement.zip(poses.shared()) {
@@ -173,9 +191,15 @@ fn match_all(
         spots_of_pavement = found;
         poses.notes.push(note);
     }
+    if let Some((points, trajectory)) = points_beside.zip(poses.shared()) {
+        let origin_m = survey.origin();
+        let (found, note) = clock.time("poles", || poles_of(&points, &strips, project, trajectory, &origin_m))?;
+        features.extend(found);
+        poses.notes.push(note);
+    }
     let (rule, sigma_floor_m, grouping) = (settings.grid.rule, settings.pairing.sigma_floor_m, settings.grouping());
     let (settings, spots) = (settings.list, spots_of_pavement);
-    Ok(Matched { survey, rule, sigma_floor_m, grouping, settings, strips, poses, ties, spots, points })
+    Ok(Matched { survey, rule, sigma_floor_m, grouping, settings, strips, poses, ties, spots, features, points })
 }
 
 /// The error of points whose time is not a number: names the first of them.

@@ -14,7 +14,7 @@ pub use strips::{
     CalibrateSection, CorrectSection, KnownTerm, MatchSection, RangeOver, ReturnsChoice, ScannerChoice, SolveSection,
     SplitChoice, SplitWord, StripModelChoice, StripsSection, SurfaceWord,
 };
-pub use xyz::{XyzChoice, XyzKind};
+pub use xyz::{XyzChoice, XyzWord};
 
 use measurements::{
     GnssSection, ImuSection, InitialSection, OdometerSection, PointsSection, TiesSection, VehicleSection,
@@ -275,13 +275,16 @@ fn check(project: &Project) -> Result<(), ProjectError> {
             ("odometer", project.odometer.is_some()),
             ("vehicle", project.vehicle.is_some()),
             ("points", !project.points.is_empty()),
-            ("ties", project.ties.is_some()),
+            ("ties", project.ties.as_ref().is_some_and(|t| t.path.is_some())),
             ("initial", project.initial.is_some()),
         ] {
             if given {
                 return wrong(key, String::from("given"), "it needs [imu] beside it");
             }
         }
+    }
+    if let Some((key, value, remedy)) = project.ties.as_ref().and_then(|t| t.wrong(project)) {
+        return wrong(key, value, remedy);
     }
     if !project.stations.is_empty() && (project.imu.is_some() || !project.strips.is_empty()) {
         return wrong(

@@ -9,7 +9,7 @@ use tieline_matching::{
     patches_of_tile,
 };
 
-use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord, XyzChoice, XyzKind};
+use crate::project::{Project, ReturnsChoice, SplitWord, SurfaceWord, XyzChoice, XyzWord};
 use crate::sample::{Sample, block};
 use crate::survey::{Survey, SurveyFile};
 
@@ -68,7 +68,7 @@ pub struct Settings {
     /// Seed of the choice of held-out places.
     pub seed: u64,
     /// Kinds of XYZ points looked for.
-    pub xyz: Vec<XyzKind>,
+    pub xyz: Vec<XyzWord>,
     /// Whether these are chosen automatically: they are to cost no more time than all else.
     pub xyz_auto: bool,
     /// Whether surface lines take part in the solution, or judge it only.
@@ -215,8 +215,8 @@ impl Settings {
         if m.xyz != XyzChoice::Off {
             let kinds = m.xyz.kinds(project.imu.is_some());
             let words: Vec<&str> = kinds.iter().map(|k| k.as_str()).collect();
-            let reason = if m.xyz == XyzChoice::Auto { "all kinds that there are" } else { asked };
-            tell("match.xyz", words.join(", "), reason);
+            let meanings: Vec<&str> = kinds.iter().map(|k| k.meaning()).collect();
+            tell("match.xyz", words.join(", "), &meanings.join(", "));
         }
         if m.surface_lines == Some(false) {
             tell(

@@ -11,6 +11,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tieline_graph::{Model, TimeModel};
 use tieline_io::output::WholeFile;
+use tieline_matching::xyz::FeatureTie;
 use tieline_matching::xyz::texture::SpotTie;
 use tieline_matching::{SourceRule, StripIndex};
 
@@ -24,7 +25,7 @@ use crate::stage::trajectory::{PathReport, Poses, StoredPath};
 use crate::survey::Survey;
 
 /// Version of the files; a change of their shape raises it.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// The result of `match` on disk.
 #[derive(Debug, Serialize, Deserialize)]
@@ -41,6 +42,7 @@ struct MatchState {
     notes: Vec<String>,
     ties: Ties,
     spots: Vec<SpotTie>,
+    features: Vec<FeatureTie>,
     points: u64,
 }
 
@@ -113,6 +115,7 @@ pub fn save_match(out: &Path, matched: &Matched) -> Result<()> {
         notes: matched.poses.notes.clone(),
         ties: matched.ties.clone(),
         spots: matched.spots.clone(),
+        features: matched.features.clone(),
         points: matched.points,
     };
     write(&out.join("stages/match.json"), &state)
@@ -155,6 +158,7 @@ pub fn load_match(project: &Project, out: &Path) -> Result<Matched> {
         poses,
         ties: state.ties,
         spots: state.spots,
+        features: state.features,
         points: state.points,
     })
 }

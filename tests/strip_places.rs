@@ -7,7 +7,7 @@ use common::Bench;
 use nalgebra::{DVector, Vector3};
 use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, match_strips, setup_of, solve_strips};
 use tieline::progress::Progress;
-use tieline::project::{Project, StripModelChoice, XyzChoice, XyzKind};
+use tieline::project::{Project, StripModelChoice, XyzChoice, XyzWord};
 use tieline::stage::places::PlaceKind;
 use tieline::stage::places::row::{PlaceRow, measured, rows};
 use tieline_graph::{ParameterBlock, TimeModel};
@@ -21,7 +21,7 @@ struct Recovered {
 }
 
 /// A village of gables, hips and flat roofs under five strips, tied by the kinds given and by nothing else.
-fn recovered(seed: u64, kinds: &[XyzKind]) -> Recovered {
+fn recovered(seed: u64, kinds: &[XyzWord]) -> Recovered {
     let folder = tempfile::tempdir().expect("a folder");
     let mut scenario = Scenario { seed, ..Scenario::airborne_sample() };
     scenario.world.buildings = 50;
@@ -88,15 +88,15 @@ fn strip_truth(name: &str, start: (Vector3<f64>, Vector3<f64>), end: (Vector3<f6
 }
 
 #[allow(clippy::cast_precision_loss)]
-fn assert_honest(seeds: &[u64], kinds: &[XyzKind], least_ties: usize) {
+fn assert_honest(seeds: &[u64], kinds: &[XyzWord], least_ties: usize) {
     let mut all = Vec::new();
     for seed in seeds {
         let found = recovered(*seed, kinds);
         assert_eq!(found.lines_in_use, 0, "surface lines take no part");
         assert!(found.ties.iter().sum::<usize>() >= least_ties, "{:?} ties", found.ties);
-        let asked = |kind: XyzKind| kinds.contains(&kind);
-        assert!((found.ties[0] > 0) == asked(XyzKind::Submap), "{:?}", found.ties);
-        assert!((found.ties[1] > 0) == asked(XyzKind::Corner), "{:?}", found.ties);
+        let asked = |kind: XyzWord| kinds.contains(&kind);
+        assert!((found.ties[0] > 0) == asked(XyzWord::Submap), "{:?}", found.ties);
+        assert!((found.ties[1] > 0) == asked(XyzWord::Corner), "{:?}", found.ties);
         all.extend(found.ratios);
     }
     let rms = (all.iter().map(|r| r * r).sum::<f64>() / all.len() as f64).sqrt();
@@ -108,20 +108,20 @@ fn assert_honest(seeds: &[u64], kinds: &[XyzKind], least_ties: usize) {
 
 #[test]
 fn submaps_alone_recover_the_truth_within_sigma() {
-    assert_honest(&[7, 8], &[XyzKind::Submap], 12);
+    assert_honest(&[7, 8], &[XyzWord::Submap], 12);
 }
 
 #[test]
 #[ignore = "open: rms 1.32 sigma, 86 % within 95 %: sigmas of ridges are too small where patches lie across them (docs/xyz.md, Ridges)"]
 fn corners_and_ridges_alone_recover_the_truth_within_sigma() {
-    assert_honest(&[7, 8], &[XyzKind::Corner], 30);
+    assert_honest(&[7, 8], &[XyzWord::Corner], 30);
 }
 
 #[test]
 fn rows_are_the_derivatives_of_what_they_measure() {
     let bench = Bench::new();
     let mut project = Project::load(&bench.path("survey/project.toml")).expect("a project");
-    project.matching.xyz = XyzChoice::Kinds(vec![XyzKind::Corner, XyzKind::Submap]);
+    project.matching.xyz = XyzChoice::Kinds(vec![XyzWord::Corner, XyzWord::Submap]);
     let options =
         JobOptions { out: bench.path("out"), memory_bytes: DEFAULT_MEMORY_BYTES, progress: Progress::silent() };
     let matched = match_strips(&project, &options, &mut Clock::default()).expect("matched");

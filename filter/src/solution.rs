@@ -224,7 +224,7 @@ impl Solution {
         for (tie, values) in inputs.ties.iter().zip(&mut residuals) {
             #[allow(clippy::cast_precision_loss)]
             let mean = match &tie.known_m {
-                Some(known) => known[0],
+                Some(known) => known[0] - tie.directions[0].dot(&origin),
                 None => values.iter().sum::<f64>() / values.len().max(1) as f64,
             };
             values.iter_mut().for_each(|v| *v -= mean);

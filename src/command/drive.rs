@@ -21,7 +21,7 @@ use crate::stage::drive;
 use crate::stage::drive::correction::DriveCorrection;
 use crate::stage::drive::cut::CutPoint;
 use crate::stage::drive::residuals::residuals;
-use crate::stage::drive::{Decided, DriveSolution, known};
+use crate::stage::drive::{Decided, DriveSolution, known, picked};
 use crate::stage::navigate::{Mask, Measurements, load};
 use crate::state::drive::{SolvedDrive, load_calibrate, load_corrected, load_drive, save_corrected, save_drive};
 use crate::state::{is_matched, load_match, save_match};
@@ -43,9 +43,9 @@ pub fn run(
     common: &Common,
     out: &mut impl Write,
 ) -> Result<()> {
-    if project.ties.is_some() {
+    if project.ties.as_ref().is_some_and(|t| t.path.is_some()) {
         bail!(
-            "[ties] beside [[strips]]: run finds ties in the strips; take [ties] out, or use tieline solve, which needs no strips"
+            "[ties] path beside [[strips]]: run finds ties in the strips; take it out, or use tieline solve, which needs no strips"
         );
     }
     let mut clock = Clock::default();
@@ -108,6 +108,7 @@ pub(crate) fn take_up(
 /// Whatever is wrong with a file, or does not fit.
 pub fn find_ties(project: &Project, options: &JobOptions, clock: &mut Clock) -> Result<(Matched, Measurements)> {
     known::load(project)?;
+    picked::load(project)?;
     let measurements = clock.time("read", || load(project, &[]))?;
     let matched = match_drive(project, &measurements, options, clock)?;
     Ok((matched, measurements))

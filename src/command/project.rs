@@ -200,7 +200,10 @@ pub fn match_only(args: &JobArgs, common: &Common, out: &mut impl Write) -> Resu
 pub fn solve_only(args: &JobArgs, masks: &[Mask], common: &Common, out: &mut impl Write) -> Result<()> {
     let options = options(args, common);
     let project = Project::load(&args.project)?;
-    if drive::is_drive(&project) && project.ties.is_none() && is_matched(&options.out) {
+    let given = project.ties.as_ref();
+    let of_points = given.is_some_and(|t| t.points.is_some());
+    if drive::is_drive(&project) && given.is_none_or(|t| t.path.is_none()) && (of_points || is_matched(&options.out)) {
+        // where match was not run, picked points say so
         return drive::solve(&project, args, masks, &options, common, out);
     }
     if project.imu.is_some() {

@@ -40,8 +40,23 @@ pub fn write_drive(
     csv: bool,
 ) -> Result<()> {
     write_ties(project, matched, drive, residuals, out, csv)?;
+    whole_or_none(out, "picked.csv", points::picked_text(&drive.picked).as_deref())?;
     write_calibration(project, &drive.calibrated(), out)?;
     write_correction_of(matched, drive, out)
+}
+
+/// Writes a file, or takes away that of an earlier run, which does not belong to this one.
+fn whole_or_none(out: &Path, name: &str, text: Option<&str>) -> Result<()> {
+    let path = out.join(name);
+    let Some(text) = text else {
+        return match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("{} is of an earlier run", path.display()))
+            }
+            _ => Ok(()),
+        };
+    };
+    write_whole(&path, text.as_bytes()).with_context(|| format!("writing {}", path.display()))
 }
 
 /// Writes `calibration.toml` and `range_bias.csv`, and `range_bias_over.csv` where there are curves over incidence or intensity.
@@ -49,24 +64,9 @@ pub fn write_drive(
 /// # Errors
 /// When one cannot be written.
 pub fn write_calibration(project: &Project, calibrated: &Calibrated<'_>, out: &Path) -> Result<()> {
-    let whole = |name: &str, text: &str| {
-        write_whole(&out.join(name), text.as_bytes()).with_context(|| format!("writing {}", out.join(name).display()))
-    };
-    whole("range_bias.csv", &range_bias(calibrated))?;
-    let over = range_bias_over(calibrated);
-    if let Some(text) = &over {
-        whole("range_bias_over.csv", text)?;
-    } else {
-        // one of an earlier run does not belong to this calibration
-        let path = out.join("range_bias_over.csv");
-        match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(error).with_context(|| format!("{} is of an earlier run", path.display()));
-            }
-            _ => {}
-        }
-    }
-    whole("calibration.toml", &calibration::text(project, calibrated))
+    whole_or_none(out, "range_bias.csv", Some(&range_bias(calibrated)))?;
+    whole_or_none(out, "range_bias_over.csv", range_bias_over(calibrated).as_deref())?;
+    whole_or_none(out, "calibration.toml", Some(&calibration::text(project, calibrated)))
 }
 
 /// `ties.parquet`, and `ties.csv` when asked: every end of every line.

@@ -29,7 +29,9 @@ pub fn write_tie_text_of(drive: &DriveSolution, clock: &SurveyClock, crs: Option
     };
     let header = TieTextHeader { week, datum };
     let lines = (0..drive.chosen.ties.len()).map(|k| tie(drive, k, later_s));
-    let points = (0..drive.points.1.len()).map(|k| point(drive, k, later_s));
+    // a known point is no tie of sightings to each other, and may have one
+    let is_tie = |k: &usize| drive.points.1[*k].known_map_m.is_none();
+    let points = (0..drive.points.1.len()).filter(is_tie).map(|k| point(drive, k, later_s));
     Ok(write_tie_text(path, &header, lines.chain(points))?)
 }
 
@@ -42,7 +44,7 @@ fn tie(drive: &DriveSolution, number: usize, later_s: f64) -> TextTie {
     written(drive, number, line.class_of(is_of), scanners, later_s)
 }
 
-/// One of the spots of pavement.
+/// One of the points.
 fn point(drive: &DriveSolution, number: usize, later_s: f64) -> TextTie {
     let point = &drive.points.1[number];
     written(drive, drive.chosen.ties.len() + number, point.class, point.ends.iter().map(|e| e.scanner), later_s)

@@ -1,10 +1,12 @@
 //! Sections of the project file on the measurements of a trajectory: `[imu]`, `[gnss]`, `[odometer]`, `[vehicle]`,
 //! `[initial]`, `[[points]]`, `[ties]`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tieline_io::measurements::Axes;
+
+use super::Project;
 
 /// `[imu]`: inertial measurements; with them `solve` estimates the trajectory.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -155,12 +157,38 @@ pub struct PointsSection {
     pub columns: Option<Vec<String>>,
 }
 
-/// `[ties]`: ties of a file for the smoother, such as `ties.txt` of `run`.
+/// `[ties]`: ties that are given. In `solve` those of a file, such as `ties.txt` of `run`; in drives points picked by hand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TiesSection {
-    /// The file, plain or gzipped.
-    pub path: PathBuf,
+    /// The file of ties for the smoother, plain or gzipped.
+    pub path: Option<PathBuf>,
+    /// Points picked by hand in the strips of a drive: CSV, plain or gzipped.
+    pub points: Option<PathBuf>,
+}
+
+impl TiesSection {
+    /// What is wrong with it: key, value, what to do.
+    pub(super) fn wrong(&self, project: &Project) -> Option<(&'static str, String, &'static str)> {
+        let is_drive = project.imu.is_some() && !project.strips.is_empty();
+        let shown = |path: &Path| path.display().to_string();
+        match (&self.path, &self.points) {
+            (None, None) => {
+                let remedy =
+                    "name a file of ties (path) or one of points picked by hand (points), or take the section out";
+                Some(("ties", String::from("without a file"), remedy))
+            }
+            (Some(_), Some(points)) => {
+                let remedy = "points are picked in strips, ties of a file are for tieline solve without strips: take one of both out";
+                Some(("ties.points", shown(points), remedy))
+            }
+            (None, Some(points)) if !is_drive => {
+                let remedy = "points picked by hand are for drives, which have [[strips]] and [imu]; strips without [imu] do not take them";
+                Some(("ties.points", shown(points), remedy))
+            }
+            _ => None,
+        }
+    }
 }
 
 /// `[initial]`: where the trajectory begins, when it cannot be found.

@@ -6,7 +6,7 @@ use super::MatchSection;
 
 /// A kind of XYZ points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum XyzKind {
+pub enum XyzWord {
     /// Spots of pavement by their brightness.
     Texture,
     /// Where three planes meet, and ridges, where two do.
@@ -17,11 +17,13 @@ pub enum XyzKind {
     Submap,
 }
 
-impl XyzKind {
+impl XyzWord {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Texture, Self::Corner, Self::Pole, Self::Submap];
     /// Those that there are for drives.
-    pub const OF_DRIVES: &[Self] = &[Self::Texture];
+    pub const OF_DRIVES: &[Self] = &[Self::Texture, Self::Corner, Self::Pole];
+    /// Those of drives that `"auto"` takes: what corners and poles cost is not within its bound yet.
+    pub const AUTO_OF_DRIVES: &[Self] = &[Self::Texture];
     /// Those that there are for strips.
     pub const OF_STRIPS: &[Self] = &[Self::Corner, Self::Submap];
 
@@ -35,6 +37,17 @@ impl XyzKind {
             Self::Submap => "submap",
         }
     }
+
+    /// What a person should know of it.
+    #[must_use]
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Texture => "spots of pavement that several sightings show alike",
+            Self::Corner => "corners where planes meet",
+            Self::Pole => "posts and trunks",
+            Self::Submap => "tiles registered by all their surfaces",
+        }
+    }
 }
 
 /// `xyz`: `"off"`, `"auto"` or a list of kinds.
@@ -44,40 +57,36 @@ pub enum XyzChoice {
     /// None.
     #[default]
     Off,
-    /// Those that there are: for drives [`XyzKind::OF_DRIVES`], for strips [`XyzKind::OF_STRIPS`].
+    /// For drives [`XyzWord::AUTO_OF_DRIVES`], for strips [`XyzWord::OF_STRIPS`].
     Auto,
     /// These, in order.
-    Kinds(Vec<XyzKind>),
+    Kinds(Vec<XyzWord>),
 }
 
 impl XyzChoice {
-    /// Whether a kind is looked for, where that kind is there at all.
+    /// Whether a kind is looked for in a drive.
     #[must_use]
-    pub fn has(&self, kind: XyzKind) -> bool {
-        match self {
-            Self::Off => false,
-            Self::Auto => true,
-            Self::Kinds(kinds) => kinds.contains(&kind),
-        }
-    }
-
-    /// Whether texture is looked for in a drive.
-    #[must_use]
-    pub fn texture(&self) -> bool {
-        self.has(XyzKind::Texture)
+    pub fn has(&self, word: XyzWord) -> bool {
+        self.kinds(true).contains(&word)
     }
 
     /// The kinds that a drive, or strips, look for.
     #[must_use]
-    pub fn kinds(&self, is_drive: bool) -> Vec<XyzKind> {
-        let there = if is_drive { XyzKind::OF_DRIVES } else { XyzKind::OF_STRIPS };
-        there.iter().copied().filter(|k| self.has(*k)).collect()
+    pub fn kinds(&self, is_drive: bool) -> Vec<XyzWord> {
+        let there = if is_drive { XyzWord::OF_DRIVES } else { XyzWord::OF_STRIPS };
+        let asked: &[XyzWord] = match self {
+            Self::Off => &[],
+            Self::Auto if is_drive => XyzWord::AUTO_OF_DRIVES,
+            Self::Auto => XyzWord::OF_STRIPS,
+            Self::Kinds(kinds) => kinds,
+        };
+        there.iter().copied().filter(|k| asked.contains(k)).collect()
     }
 
     /// The first kind asked for by name that is not there for a drive, or for strips, and what to do.
     fn not_there(&self, is_drive: bool) -> Option<(String, String)> {
         let Self::Kinds(kinds) = self else { return None };
-        let (there, of) = if is_drive { (XyzKind::OF_DRIVES, "drives") } else { (XyzKind::OF_STRIPS, "strips") };
+        let (there, of) = if is_drive { (XyzWord::OF_DRIVES, "drives") } else { (XyzWord::OF_STRIPS, "strips") };
         let other = kinds.iter().find(|k| !there.contains(k))?;
         let words: Vec<String> = there.iter().map(|k| format!("\"{}\"", k.as_str())).collect();
         let remedy = format!("for {of} there are {}: take those, \"auto\" or \"off\"", words.join(" and "));
@@ -113,8 +122,7 @@ impl TryFrom<XyzWords> for XyzChoice {
     type Error = String;
 
     fn try_from(words: XyzWords) -> Result<Self, String> {
-        const DUE: &str =
-            "\"auto\", \"off\" or a list of \"texture\" (drives), \"corner\" and \"submap\" (strips) is due";
+        const DUE: &str = "\"auto\", \"off\" or a list of \"corner\", and \"texture\" and \"pole\" (drives) or \"submap\" (strips), is due";
         match words {
             XyzWords::One(word) => match word.as_str() {
                 "off" => Ok(Self::Off),
@@ -123,7 +131,7 @@ impl TryFrom<XyzWords> for XyzChoice {
             },
             XyzWords::Several(words) => {
                 let kind = |word: &String| {
-                    let known = XyzKind::ALL.into_iter().find(|k| k.as_str() == word);
+                    let known = XyzWord::ALL.into_iter().find(|k| k.as_str() == word);
                     known.ok_or_else(|| format!("match.xyz: \"{word}\" is not known: {DUE}"))
                 };
                 let mut kinds = words.iter().map(kind).collect::<Result<Vec<_>, _>>()?;
@@ -156,7 +164,7 @@ mod tests {
 
     #[test]
     fn kinds_of_points_are_read_and_written_again() {
-        use XyzKind::{Corner, Submap, Texture};
+        use XyzWord::{Corner, Submap, Texture};
         for (line, due) in [
             ("", XyzChoice::Off),
             ("xyz = \"off\"", XyzChoice::Off),
@@ -174,10 +182,10 @@ mod tests {
 
     #[test]
     fn automatic_is_what_there_is() {
-        assert_eq!(XyzChoice::Auto.kinds(true), [XyzKind::Texture]);
-        assert_eq!(XyzChoice::Auto.kinds(false), [XyzKind::Corner, XyzKind::Submap]);
+        assert_eq!(XyzChoice::Auto.kinds(true), [XyzWord::Texture]);
+        assert_eq!(XyzChoice::Auto.kinds(false), [XyzWord::Corner, XyzWord::Submap]);
         assert!(XyzChoice::Off.kinds(false).is_empty());
-        assert_eq!(XyzChoice::Kinds(vec![XyzKind::Submap]).kinds(false), [XyzKind::Submap]);
+        assert_eq!(XyzChoice::Kinds(vec![XyzWord::Submap]).kinds(false), [XyzWord::Submap]);
     }
 
     #[test]
@@ -199,7 +207,11 @@ mod tests {
         for (first, list, words) in [
             (strips, "[\"submap\", \"texture\"]", ["match.xyz", "\"texture\"", "for strips there are"]),
             (strips, "[\"pole\"]", ["match.xyz", "\"pole\"", "\"corner\" and \"submap\""]),
-            (drive, "[\"submap\"]", ["match.xyz", "\"submap\"", "for drives there are \"texture\""]),
+            (
+                drive,
+                "[\"submap\"]",
+                ["match.xyz", "\"submap\"", "for drives there are \"texture\" and \"corner\" and \"pole\""],
+            ),
         ] {
             let message = parsed(first, list).expect_err("refused").to_string();
             assert!(words.iter().all(|w| message.contains(w)), "{message}");

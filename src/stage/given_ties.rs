@@ -7,7 +7,7 @@ use tieline_io::ties::text::TieTextReader;
 
 use crate::project::Project;
 
-/// Reads the ties of a project, none without `[ties]`; `span_s` is that of the IMU on the clock.
+/// Reads the ties of a project, none without `[ties] path`; `span_s` is that of the IMU on the clock.
 ///
 /// # Errors
 /// File, line and remedy of what cannot be read; when no tie lies within the IMU's time.
@@ -17,8 +17,8 @@ pub fn load(
     span_s: (f64, f64),
     notes: &mut Vec<String>,
 ) -> Result<Vec<FilterTie>> {
-    let Some(section) = &project.ties else { return Ok(Vec::new()) };
-    let path = project.resolve(&section.path);
+    let Some(path) = project.ties.as_ref().and_then(|t| t.path.as_ref()) else { return Ok(Vec::new()) };
+    let path = project.resolve(path);
     let reader = TieTextReader::open(&path).context("[ties]")?;
     let week = reader.header().week;
     let shift_s = match (week, clock.reference_week) {
@@ -37,7 +37,7 @@ pub fn load(
         ties.extend(tie.for_smoother(shift_s));
     }
     if read == 0 {
-        bail!("{}: it holds no tie; export it again, or take [ties] out of the project", path.display());
+        bail!("{}: it holds no tie; export it again, or take ties.path out of the project", path.display());
     }
     let named = |week: Option<u32>| week.map_or_else(|| String::from("an unknown week"), |w| format!("week {w}"));
     if within == 0 {

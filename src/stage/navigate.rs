@@ -8,8 +8,7 @@ use tieline_filter::grade::{DEG_PER_HOUR, DEG_PER_ROOT_HOUR, MILLIGAL, MPS_PER_R
 use tieline_filter::options::{ConstraintModel, OdometerModel};
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{
-    ImuGrade, InitialState, Inputs, NavState, Options, Smoother, Solution, SurveyClock, TieKind, TimeEncoding,
-    ned_from_body,
+    ImuGrade, InitialState, Inputs, NavState, Options, Smoother, Solution, SurveyClock, TimeEncoding, ned_from_body,
 };
 use tieline_io::measurements::{
     GnssFormat, GnssReadOptions, ImuFormat, ImuKind, ImuReadOptions, read_gnss, read_imu, read_odometer, read_points,
@@ -260,8 +259,8 @@ pub fn navigate(project: &Project, measurements: &Measurements, memory_bytes: u6
     options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
     if !measurements.inputs.ties.is_empty() {
         // what `run` has chosen finds room again
-        let has_points = measurements.inputs.ties.iter().any(|t| t.kind == TieKind::XyzPoint);
-        options.ties.most_live = drive::MOST_LIVE + if has_points { drive::spots::MOST_LIVE } else { 0 };
+        let points = measurements.inputs.ties.iter().filter(|t| t.directions.len() > 1);
+        options.ties.most_live = drive::MOST_LIVE + drive::points::most_live(points);
     }
     smooth(project, &measurements.inputs, &options)
 }

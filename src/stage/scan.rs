@@ -6,14 +6,14 @@ use anyhow::{Context, Result};
 use rayon::prelude::*;
 use tieline_io::las::Columns;
 use tieline_matching::xyz::texture::TexturePoints;
-use tieline_matching::xyz::{TileKeeper, TilePoints};
+use tieline_matching::xyz::{PostPoints, TileKeeper, TilePoints};
 use tieline_matching::{Accumulator, BinSketch, PassCounts, Run, Sketches, SourceKey};
 
 use crate::progress::Progress;
 use crate::sample::block;
 use crate::settings::Settings;
+use crate::stage::nearby::{Keeping, Nearby};
 use crate::stage::places::keep::{SubmapPoints, keep};
-use crate::stage::texture::{Keeping, Pavement};
 use crate::survey::Survey;
 
 /// What the pass gives.
@@ -27,24 +27,26 @@ pub struct Scan {
     pub counts: PassCounts,
     /// Points of pavement, where they are asked for.
     pub pavement: Option<TexturePoints>,
+    /// Points beside the road, where posts are asked for.
+    pub posts: Option<PostPoints>,
     /// Points of submaps, where they are asked for.
     pub submaps: Option<TilePoints>,
 }
 
-/// What a thread has: cells, points of pavement, points of submaps.
+/// What a thread has: cells, points near a vehicle, points of submaps.
 type OfThread<'a> = (Accumulator, Option<Keeping<'a>>, Option<TileKeeper>);
 
 const TEMPORARY: &str = "a temporary file for patches cannot be written; free the disk or set TMPDIR";
 
-/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; points of `pavement` and
-/// `submaps` are kept.
+/// Reads every point once, on all threads: each takes the next chunk, decodes it and adds it to its own sums; those `nearby`, and of
+/// `submaps`, are kept.
 ///
 /// # Errors
 /// The first chunk that cannot be read, with its file.
 pub fn scan(
     survey: &Survey,
     settings: &Settings,
-    pavement: Option<&Pavement<'_>>,
+    nearby: Option<&Nearby<'_>>,
     submaps: Option<&SubmapPoints>,
     progress: &Progress,
 ) -> Result<Scan> {
@@ -63,7 +65,7 @@ pub fn scan(
         .with_max_len(1)
         .map(|_| {
             let mut accumulator = Accumulator::new(settings.grid.clone());
-            let mut keeping = pavement.map(Pavement::keeping);
+            let mut keeping = nearby.map(Nearby::keeping);
             let mut keeper = submaps.map(SubmapPoints::keeper);
             let (mut records, mut columns, mut zeros) = (Vec::new(), Columns::default(), Vec::new());
             while let Some((f, chunk)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -85,21 +87,30 @@ pub fn scan(
         })
         .collect();
     bar.finish();
-    let mut scan =
-        Scan { runs: Vec::new(), sketches: Vec::new(), counts: PassCounts::default(), pavement: None, submaps: None };
-    let (mut keepers, mut tile_keepers) = (Vec::new(), Vec::new());
+    let mut scan = Scan {
+        runs: Vec::new(),
+        sketches: Vec::new(),
+        counts: PassCounts::default(),
+        pavement: None,
+        posts: None,
+        submaps: None,
+    };
+    let (mut pavement, mut posts, mut tile_keepers) = (Vec::new(), Vec::new(), Vec::new());
     let mut sketches = Sketches::default();
     for part in parts {
         let (accumulator, keeping, keeper) = part?;
+        let kept = keeping.map(Keeping::finish).unwrap_or_default();
+        pavement.extend(kept.0);
+        posts.extend(kept.1);
         tile_keepers.extend(keeper);
-        keepers.extend(keeping.map(Keeping::finish));
         let (runs, of_thread, counts) = accumulator.finish();
         scan.runs.extend(runs);
         sketches.merge(of_thread);
         scan.counts.merge(&counts);
     }
     scan.sketches = sketches.into_sorted();
-    scan.pavement = pavement.map(|_| TexturePoints::new(keepers));
+    scan.pavement = (!pavement.is_empty()).then(|| TexturePoints::new(pavement));
+    scan.posts = (!posts.is_empty()).then(|| PostPoints::new(posts));
     scan.submaps = submaps.map(|s| TilePoints::new(s.choice, tile_keepers));
     Ok(scan)
 }

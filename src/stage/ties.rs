@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use tieline_filter::Pose;
+use tieline_matching::xyz::{StreetCorner, StreetCornerOptions, street_corners};
 use tieline_matching::{
     BinSketch, Cell, End, Patch, RejectOptions, Rejection, RowEnd, Sighting, SourceKey, Spacing, StripIndex,
     SurfaceLine, TileMerge, is_held_out, line_of, mix, normal_bin, pair_rows, patches_of_tile, reject_by_distance,
@@ -67,6 +68,7 @@ struct OfTile {
     loose: Vec<SurfaceLine>,
     lone: Vec<Patch>,
     faces: Vec<Patch>,
+    corners: Vec<StreetCorner>,
 }
 
 /// Tiles worked on at a time.
@@ -74,7 +76,18 @@ const BATCH: usize = 64;
 /// Candidates kept per tie of the budget.
 const CANDIDATES: usize = 2;
 
-/// Finds, rejects and selects the surface lines of a survey; gives the patches that corners are looked for in as well.
+/// What [`find`] finds.
+#[derive(Debug)]
+pub struct Found {
+    /// Surface lines.
+    pub ties: Ties,
+    /// Of strips: the patches that corners are looked for in, where they are asked for.
+    pub faces: Option<FacePatches>,
+    /// Of drives: corners of walls, where they are asked for.
+    pub corners: Vec<StreetCorner>,
+}
+
+/// Finds, rejects and selects the surface lines of a survey; corners of walls, or the patches that corners of roofs are looked for in, as well.
 ///
 /// # Errors
 /// When cells that were spilled to disk cannot be read back.
@@ -84,8 +97,9 @@ pub fn find(
     settings: &Settings,
     control: &[ControlPoint],
     poses: &Poses,
-) -> Result<(Ties, Option<FacePatches>)> {
-    let mut ties = Ties::default();
+    corners: Option<&StreetCornerOptions>,
+) -> Result<Found> {
+    let (mut ties, mut all_corners) = (Ties::default(), Vec::new());
     let tiles = tiles(&scan.sketches, settings);
     let per_tile = (CANDIDATES * settings.max_ties).div_ceil(tiles.max(1)).max(12);
     let mut faces = FacePatches::new(settings, tiles);
@@ -106,15 +120,26 @@ pub fn find(
                 let cells = thin_cells(cells, 3 * per_tile / 2, settings);
                 let mut patches = patches_of_tile(&cells, &settings.grid, strips, &settings.patch);
                 let count = patches.len() as u64;
-                let mut refused = BTreeMap::new();
+                let (mut refused, mut grazing) = (BTreeMap::new(), Vec::new());
                 patches.retain(|p| {
                     let why = beyond(p, &settings.limits, poses, &settings.grid.origin_m);
+                    if corners.is_some()
+                        && why == Some(Rejection::Grazing)
+                        && SurfaceWord::of(p.normal.z) == SurfaceWord::Level
+                    {
+                        grazing.push(p.clone());
+                    }
                     why.map(|why| *refused.entry(why).or_default() += 1).is_none()
                 });
-                thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 if settings.is_drive {
                     face_the_vehicle(&mut patches, poses, &settings.grid.origin_m);
                 }
+                let corners = corners.map_or_else(Vec::new, |options| {
+                    // the foot of a wall is met at a grazing angle: its height is known all the same, from many patches
+                    let all: Vec<Patch> = patches.iter().cloned().chain(grazing).collect();
+                    street_corners(&all, options)
+                });
+                thin_level(&mut patches, per_tile.div_ceil(2), settings);
                 add_control(&mut patches, control, settings);
                 let rows = pair_rows(&patches, &settings.pairing);
                 let lone = if settings.is_drive { lone(&patches, &rows, per_tile, settings) } else { Vec::new() };
@@ -122,7 +147,7 @@ pub fn find(
                 let (tied, loose): (Vec<_>, Vec<_>) = lines.partition(SurfaceLine::is_tie);
                 let found = tied.len() as u64;
                 let (tied, loose) = (thin(tied, per_tile), loose.into_iter().take(per_tile / 4).collect());
-                OfTile { patches: count, refused, found, tied, loose, lone, faces }
+                OfTile { patches: count, refused, found, tied, loose, lone, faces, corners }
             })
             .collect();
         for tile in found {
@@ -134,6 +159,7 @@ pub fn find(
             ties.lines.extend(tile.tied);
             ties.lines.extend(tile.loose);
             ties.lone.extend(tile.lone);
+            all_corners.extend(tile.corners);
             if let Some(faces) = &mut faces {
                 faces.keep(tile.faces);
             }
@@ -144,7 +170,7 @@ pub fn find(
     if ties.lines_judge {
         ties.held_out.fill(true);
     }
-    Ok((ties, faces))
+    Ok(Found { ties, faces, corners: all_corners })
 }
 
 /// Sloped and steep patches of all cells of a tile: a roof needs its neighbours, so that none are thinned out.
@@ -372,20 +398,7 @@ fn mark_budget(ties: &mut Ties) {
         }
         keep.push(!unused || left_out <= KEPT_FOR_THE_MAPS);
     }
-    let mut new_row = vec![0; keep.len()];
-    let mut next = 0;
-    for (row, kept) in new_row.iter_mut().zip(&keep) {
-        *row = next;
-        next += usize::from(*kept);
-    }
-    for row in &mut ties.selected {
-        *row = new_row[*row];
-    }
-    let mut row = 0;
-    ties.lines.retain(|_| {
-        row += 1;
-        keep[row - 1]
-    });
+    ties.keep(&keep);
 }
 
 #[cfg(test)]

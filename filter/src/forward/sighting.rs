@@ -1,5 +1,7 @@
 //! Sightings of ties in the forward pass.
 
+use nalgebra::Vector3;
+
 use super::{EXTRA_SLOTS, Run};
 use crate::doubt::{LEFT_OUT_WEIGHT, TieUpdate};
 use crate::events::{Event, EventKind};
@@ -64,7 +66,9 @@ impl Run<'_> {
         let noise = tie::noise(tie, sighting);
         let rank = values.len();
         if let Some(known) = &tie.known_m {
-            let residual = known.iter().zip(&values).map(|(k, v)| k - v).collect();
+            let from_origin = |(u, k): (&Vector3<f64>, &f64)| k - u.dot(&self.origin_ecef_m);
+            let due = tie.directions.iter().zip(known).map(from_origin);
+            let residual = due.zip(&values).map(|(k, v)| k - v).collect();
             return self.compare(Measurement { residual, rows, noise }, event, (t, s));
         }
         let last = s + 1 == tie.sightings.len();

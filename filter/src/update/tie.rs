@@ -46,7 +46,7 @@ pub struct FilterTie {
     pub directions: Vec<Vector3<f64>>,
     /// Sightings, in order of time.
     pub sightings: Vec<Sighting>,
-    /// Coordinates along the directions from the origin \[m\], where the feature is known beforehand.
+    /// Coordinates along the directions from the centre of the earth \[m\], where the feature is known beforehand.
     pub known_m: Option<Vec<f64>>,
 }
 

@@ -1,7 +1,7 @@
 //! Tie observations in files: `ties.parquet` and `ties.csv`, one row per tie **end**, the same columns in both.
 //!
 //! A tie of two ends is two rows with one `tie_id`. What is not known is NaN in memory, null in Parquet and empty in
-//! CSV. [`TieTable`] holds the columns, [`TieRow`] names and explains them. [`text`] is for other smoothers: only what they need.
+//! CSV. [`TieTable`] holds the columns, [`TieRow`] names and explains them. [`text`] is for other smoothers: only what they need. [`picked`] reads points picked by hand.
 //!
 //! ```
 //! use tieline_io::ties::{TieRow, TieTable, read_ties, write_csv};
@@ -18,6 +18,7 @@ mod columns;
 mod csv;
 mod error;
 mod parquet;
+pub mod picked;
 mod table;
 pub mod text;
 

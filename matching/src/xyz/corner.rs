@@ -40,11 +40,11 @@ pub struct Edge {
 const LEAST_VOLUME: f64 = 0.15;
 /// Least sine of the angle between two planes of an edge.
 const LEAST_SINE: f64 = 0.2;
-/// What all points of a plane have in common \[m\].
+/// What all points of a plane have in common where nothing else is said \[m\].
 const FLOOR_M: f64 = 0.001;
 
-fn variance_m2(plane: &Patch, point_m: &Vector3<f64>) -> f64 {
-    plane.plane_sigma_m(&(point_m - plane.centroid_m)).powi(2) + FLOOR_M * FLOOR_M
+fn variance_m2(plane: &Patch, point_m: &Vector3<f64>, common_m: f64) -> f64 {
+    plane.plane_sigma_m(&(point_m - plane.centroid_m)).powi(2) + common_m * common_m
 }
 
 /// Mean time of planes by their information.
@@ -58,6 +58,12 @@ impl Corner {
     /// The corner of three planes; `None` when they hardly meet in a point.
     #[must_use]
     pub fn of(planes: [&Patch; 3]) -> Option<Self> {
+        Self::with_common(planes, FLOOR_M)
+    }
+
+    /// The same where all points of a plane have so much in common \[m\].
+    #[must_use]
+    pub fn with_common(planes: [&Patch; 3], common_m: f64) -> Option<Self> {
         let normals = planes.map(|p| p.normal);
         let a = Matrix3::from_rows(&normals.map(|n| n.transpose()));
         if a.determinant().abs() < LEAST_VOLUME {
@@ -68,7 +74,7 @@ impl Corner {
         let middle_m = planes.iter().map(|p| p.centroid_m).sum::<Vector3<f64>>() / 3.0;
         let b = Vector3::from(planes.map(|p| p.normal.dot(&(p.centroid_m - middle_m))));
         let point_m = middle_m + inverse * b;
-        let variances_m2 = planes.map(|p| variance_m2(p, &point_m));
+        let variances_m2 = planes.map(|p| variance_m2(p, &point_m, common_m));
         Some(Self {
             point_m,
             covariance_m2: inverse * Matrix3::from_diagonal(&Vector3::from(variances_m2)) * inverse.transpose(),
@@ -79,19 +85,37 @@ impl Corner {
 }
 
 impl Edge {
+    /// The same edge at a point so far along its direction \[m\], with what its planes, whose points have so much in common \[m\], know there.
+    #[must_use]
+    pub fn moved(&self, planes: [&Patch; 2], along_m: f64, common_m: f64) -> Self {
+        let point_m = self.point_m + self.direction * along_m;
+        let [n, m] = self.normals;
+        let inverse = Matrix3::from_rows(&[n.transpose(), m.transpose(), self.direction.transpose()]).try_inverse();
+        let variances_m2 = planes.map(|p| variance_m2(p, &point_m, common_m));
+        let known = Matrix3::from_diagonal(&Vector3::new(variances_m2[0], variances_m2[1], 0.0));
+        let covariance_m2 = inverse.map_or(self.covariance_m2, |inverse| inverse * known * inverse.transpose());
+        Self { point_m, covariance_m2, ..self.clone() }
+    }
+
     /// The edge of two planes; `None` when they are nearly parallel.
     #[must_use]
     pub fn of(planes: [&Patch; 2]) -> Option<Self> {
+        Self::with_common(planes, FLOOR_M)
+    }
+
+    /// The same where all points of a plane have so much in common \[m\].
+    #[must_use]
+    pub fn with_common(planes: [&Patch; 2], common_m: f64) -> Option<Self> {
         // map coordinates are large: about the mean of the centroids
-        Self::near(planes, &((planes[0].centroid_m + planes[1].centroid_m) / 2.0))
+        Self::near(planes, &((planes[0].centroid_m + planes[1].centroid_m) / 2.0), common_m)
     }
 
     /// The same edge at its point nearest to another place \[m\]: its covariance is that of the planes there.
     pub(super) fn at(&self, planes: [&Patch; 2], place_m: &Vector3<f64>) -> Option<Self> {
-        Self::near(planes, place_m).filter(|e| e.direction.dot(&self.direction) > 0.0)
+        Self::near(planes, place_m, FLOOR_M).filter(|e| e.direction.dot(&self.direction) > 0.0)
     }
 
-    fn near(planes: [&Patch; 2], place_m: &Vector3<f64>) -> Option<Self> {
+    fn near(planes: [&Patch; 2], place_m: &Vector3<f64>, common_m: f64) -> Option<Self> {
         let [n, m] = planes.map(|p| p.normal);
         let across = n.cross(&m);
         let sine = across.norm();
@@ -103,7 +127,7 @@ impl Edge {
         let inverse = Matrix3::from_rows(&[n.transpose(), m.transpose(), direction.transpose()]).try_inverse()?;
         let [b, c] = planes.map(|p| p.normal.dot(&(p.centroid_m - place_m)));
         let point_m = place_m + inverse * Vector3::new(b, c, 0.0);
-        let variances_m2 = planes.map(|p| variance_m2(p, &point_m));
+        let variances_m2 = planes.map(|p| variance_m2(p, &point_m, common_m));
         let known = Matrix3::from_diagonal(&Vector3::new(variances_m2[0], variances_m2[1], 0.0));
         Some(Self {
             point_m,

@@ -44,7 +44,8 @@ impl Default for CornerOptions {
 }
 
 /// Why a corner of the first sighting is not tied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum NotTied {
     /// No corner of the same planes within the search.

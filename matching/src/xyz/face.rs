@@ -162,6 +162,17 @@ fn grow(
     Some(Face { plane, boxes: members.iter().map(|m| bounds(&patches[*m], 0.0)).collect() })
 }
 
+/// The plane of some patches of one sighting, with the sigma of its points or, where it is larger, that of the patches; none for none.
+#[must_use]
+pub(crate) fn face_of(patches: &[Patch]) -> Option<Patch> {
+    let first = patches.first()?;
+    let sums = patches[1..].iter().fold(Sums::of(first), |sums, patch| sums.with(&Sums::of(patch)));
+    let mut plane = sums.plane(first)?;
+    let members: Vec<usize> = (0..patches.len()).collect();
+    plane.roughness_m = roughness_of_patches_m(patches, &members, &plane).max(plane.roughness_m);
+    Some(plane)
+}
+
 fn lies_in(patch: &Patch, plane: &Patch, options: &FaceOptions) -> bool {
     let sigma_rad = patch.normal_sigma_rad().hypot(plane.normal_sigma_rad());
     let angle_rad = patch.normal.cross(&plane.normal).norm().min(1.0).asin();

@@ -1,4 +1,6 @@
-//! Spots of pavement in the table of ties: every end of every spot.
+//! Points in the table of ties, every end of each, and those picked by hand in a table of their own.
+
+use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 use tieline_io::ties::{TieRow, TieTable};
@@ -6,9 +8,10 @@ use tieline_io::ties::{TieRow, TieTable};
 use crate::job::Matched;
 use crate::project::Project;
 use crate::stage::drive::DriveSolution;
-use crate::stage::drive::spots::PointTie;
+use crate::stage::drive::picked::PickedFate;
+use crate::stage::drive::points::PointTie;
 
-/// Adds the ends of all spots that are ties; numbers go on after those of lines. Residuals are distances from the mean of the ends.
+/// Adds the ends of all points that are ties; numbers go on after those of lines. Residuals are distances from the mean of the ends, or from where a point is known to be.
 pub(super) fn push_points(table: &mut TieTable, project: &Project, matched: &Matched, drive: &DriveSolution) {
     let shift_s = matched.survey.strip_files().next().map_or(0.0, |f| f.time_shift_s);
     let constants = &drive.solution.calibration.value;
@@ -26,7 +29,8 @@ pub(super) fn push_points(table: &mut TieTable, project: &Project, matched: &Mat
             })
             .collect();
         let before_m: Vec<Option<Vector3<f64>>> = point.ends.iter().map(|e| Some(e.map_m)).collect();
-        let (before_m, after_m) = (from_mean_m(&before_m, &point.held_map), from_mean_m(&after_m, &point.held_map));
+        let off_m = |places_m: &[Option<Vector3<f64>>]| from_due_m(places_m, point.known_map_m, &point.held_map);
+        let (before_m, after_m) = (off_m(&before_m), off_m(&after_m));
         for (k, (end, sighting)) in (0_i32..).zip(point.ends.iter().zip(&point.tie.sightings)) {
             let at = usize::try_from(k).unwrap_or(0);
             let c = point.covariance_map_m2(sighting);
@@ -64,10 +68,10 @@ pub(super) fn push_points(table: &mut TieTable, project: &Project, matched: &Mat
     }
 }
 
-/// Whether the smoother used a spot, and why not.
+/// Whether the smoother used a point, and why not.
 pub(crate) fn fate(drive: &DriveSolution, point: &PointTie) -> (bool, &'static str) {
     let first = drive.chosen.ties.len();
-    // numbers of all spots count from none, of those that went to the smoother after those of lines: their first sightings tell them
+    // numbers of all points count from none, of those that went to the smoother after those of lines: their first sightings tell them
     let same = |p: &PointTie| p.tie.sightings == point.tie.sightings;
     match drive.points.1.iter().position(same).map(|k| drive.solution.ties[first + k].why_not) {
         None => (false, "budget"),
@@ -76,11 +80,28 @@ pub(crate) fn fate(drive: &DriveSolution, point: &PointTie) -> (bool, &'static s
     }
 }
 
-/// Distances from the mean along what is held \[m\]; not a number where a place is not known.
+/// Distances along what is held from where a point is known to be, or from the mean \[m\]; not a number where a place is not known.
 #[allow(clippy::cast_precision_loss)]
-fn from_mean_m(places_m: &[Option<Vector3<f64>>], held: &[Vector3<f64>]) -> Vec<f64> {
-    let known: Vec<Vector3<f64>> = places_m.iter().flatten().copied().collect();
-    let mean = known.iter().sum::<Vector3<f64>>() / known.len().max(1) as f64;
+fn from_due_m(places_m: &[Option<Vector3<f64>>], known_m: Option<Vector3<f64>>, held: &[Vector3<f64>]) -> Vec<f64> {
+    let places: Vec<Vector3<f64>> = places_m.iter().flatten().copied().collect();
+    let mean = known_m.unwrap_or_else(|| places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64);
     let off_m = |p: Vector3<f64>| held.iter().map(|d| d.dot(&(p - mean)).powi(2)).sum::<f64>().sqrt();
     places_m.iter().map(|p| p.map_or(f64::NAN, off_m)).collect()
+}
+
+/// What `picked.csv` holds: every sighting of every picked point; none where nobody picked any.
+pub(super) fn picked_text(fates: &[PickedFate]) -> Option<String> {
+    let mut text = String::from("point,gps_time_s,scanner,known,before_m,after_m,used,why_not\n");
+    for fate in fates {
+        let name = match fate.name.contains([',', '"']) {
+            true => format!("\"{}\"", fate.name.replace('"', "\"\"")),
+            false => fate.name.clone(),
+        };
+        let (used, why) = (u8::from(fate.why_not.is_none()), fate.why_not.as_deref().unwrap_or_default());
+        for (time_s, scanner, before_m, after_m) in &fate.sightings {
+            let known = u8::from(fate.known);
+            let _ = writeln!(text, "{name},{time_s:.6},{scanner},{known},{before_m:.4},{after_m:.4},{used},{why}");
+        }
+    }
+    (!fates.is_empty()).then_some(text)
 }

@@ -157,11 +157,14 @@ fn strips(report: &DriveReport<'_>, charts: &DriveCharts) -> Vec<DriveStrip> {
     report.matched.strips.strips().iter().map(of).collect()
 }
 
-/// Ends of lines and matches of spots that were rejected, by reason.
+/// Ends of lines and matches of spots and corners that were rejected, by reason.
 fn rejected(report: &DriveReport<'_>) -> BTreeMap<String, u64> {
     let mut counts = report.drive.ties(report.matched).rejected.clone();
     for reason in report.matched.spots.iter().filter_map(|s| s.rejection) {
         *counts.entry(format!("spot, {}", reason.as_str())).or_default() += 1;
+    }
+    for (feature, reason) in report.matched.features.iter().filter_map(|f| Some((f, f.rejection?))) {
+        *counts.entry(format!("{}, {}", feature.kind.as_str(), reason.as_str())).or_default() += 1;
     }
     counts
 }

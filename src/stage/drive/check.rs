@@ -10,7 +10,7 @@ use tieline_matching::SourceRule;
 
 use super::constants::Constants;
 use super::ties::DriveLine;
-use super::{NO_CRS, NO_TRAJECTORY, clock_shift_s};
+use super::{NO_CRS, NO_TRAJECTORY, clock_shift_s, picked};
 use crate::job::Matched;
 use crate::project::Project;
 use crate::sample::{Sample, block};
@@ -41,6 +41,8 @@ pub fn before_scan(
     survey.crs.as_ref().context(NO_CRS)?;
     let delivered = delivered.context(NO_TRAJECTORY)?;
     let shift_s = clock_shift_s(&survey.clock, &measurements.clock);
+    let strips_shift_s = survey.strip_files().next().map_or(0.0, |f| f.time_shift_s);
+    picked::check(project, &picked::load(project)?, delivered, strips_shift_s)?;
     let (first_s, last_s) = delivered.span_s();
     for file in survey.strip_files() {
         let Some([start_s, end_s]) = file.sampled_range_s.map(|range| range.map(|t| t + file.time_shift_s)) else {

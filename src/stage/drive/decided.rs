@@ -4,18 +4,19 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 use tieline_filter::{CalibrationEstimate, TieFit};
+use tieline_matching::xyz::XyzKind;
 
 use super::choose::Chosen;
 use super::constants::{Constants, Term};
 use super::correction::DriveCorrection;
 use super::merge::Part;
 use super::need::{Verdict, judge};
-use super::spots::factor_after;
+use super::points::{PointFactors, PointTie, factors_after};
 use super::ties::DriveLine;
 use super::variance::Factors;
 
 /// What an adjustment decides before its last pass; with these another one goes there at once.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Decisions {
     /// What the variances of ties turned out to be multiplied by.
     pub factors: Factors,
@@ -27,25 +28,9 @@ pub struct Decisions {
     /// How often ties were measured again on the cloud as corrected so far.
     #[serde(default)]
     pub measured: usize,
-    /// The same as `factors` of spots of pavement.
-    #[serde(default = "one")]
-    pub of_spots: f64,
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-impl Default for Decisions {
-    fn default() -> Self {
-        Self {
-            factors: Factors::default(),
-            verdicts: Vec::new(),
-            strays: BTreeSet::new(),
-            measured: 0,
-            of_spots: one(),
-        }
-    }
+    /// The same as `factors` of points, by how they were found.
+    #[serde(default)]
+    pub of_points: PointFactors,
 }
 
 impl Decisions {
@@ -59,15 +44,21 @@ impl Decisions {
         settled
     }
 
-    /// Takes the sigmas of ties from how they fit a solution that was made with those before, spots standing after lines; whether those of lines are about the same.
-    pub fn learn_sigmas(&mut self, fits: &[TieFit], lines: &[DriveLine], chosen: &Chosen) -> bool {
-        let first_spot = chosen.ties.len();
-        let of_lines: Vec<TieFit> = fits.iter().filter(|f| f.tie < first_spot).copied().collect();
+    /// Takes the sigmas of ties from how they fit a solution that was made with those before, points standing after lines; whether those of lines are about the same.
+    pub fn learn_sigmas(&mut self, fits: &[TieFit], lines: &[DriveLine], chosen: &Chosen, points: &[PointTie]) -> bool {
+        let first_point = chosen.ties.len();
+        let of_lines: Vec<TieFit> = fits.iter().filter(|f| f.tie < first_point).copied().collect();
         let found = self.factors.after(&of_lines, lines, chosen);
-        self.of_spots = factor_after(fits, first_spot, self.of_spots);
+        self.of_points = factors_after(fits, first_point, points, &self.of_points);
         let is_near = found.is_near(&self.factors);
         self.factors = found;
         is_near
+    }
+
+    /// What the variances of points turned out to be multiplied by.
+    #[must_use]
+    pub fn factor_of(&self, kind: XyzKind) -> f64 {
+        self.of_points.get(&kind).copied().unwrap_or(1.0)
     }
 
     /// Whether a term is in the adjustment.

@@ -14,13 +14,17 @@ pub mod correction;
 pub mod curve;
 pub mod cut;
 pub mod decided;
+pub mod features;
 pub mod known;
 pub mod merge;
 pub mod motion;
 pub mod need;
 mod notes;
 pub mod over;
+pub mod picked;
+pub mod points;
 pub mod residuals;
+mod result;
 pub mod seen;
 pub mod spots;
 pub mod spread;
@@ -33,21 +37,21 @@ use anyhow::{Context, Result, bail};
 use tieline_filter::time::SECONDS_PER_WEEK;
 use tieline_filter::{Inputs, Options, Pose, Solution, SurveyClock, Trajectory};
 use tieline_io::crs::Crs;
+use tieline_matching::xyz::{XyzKind, XyzPoint};
 
 use crate::job::{Clock, Matched};
 use crate::project::Project;
 use crate::stage::navigate::{Measurements, options, smooth};
-use crate::stage::ties::Ties;
 use again::{MeasuredAgain, measure_again};
-use calibrated::Calibrated;
 use choose::{Chosen, choose};
 use constants::{Constants, Term};
 use correction::DriveCorrection;
 pub use decided::{Decided, Decisions};
 use known::Known;
 pub(crate) use notes::notes_of_terms;
+use points::{PointTie, point_ties};
+pub use result::DriveSolution;
 use seen::{Seen, seen_of};
-use spots::{PointTie, point_ties};
 use ties::{DriveLine, Sighted, range_span, sighted};
 
 /// Why a drive without a reference system is refused.
@@ -63,63 +67,6 @@ const MOST_ROUNDS: usize = 3;
 pub const MOST_LIVE: usize = 192;
 /// And while the variances of ties are being found, for which fewer do.
 const MOST_LIVE_IN_ROUNDS: usize = 96;
-
-/// What became of a drive.
-#[derive(Debug)]
-pub struct DriveSolution {
-    /// The smoother's.
-    pub solution: Solution,
-    /// What it was given, ties included.
-    pub inputs: Inputs,
-    /// The constants of the calibration.
-    pub constants: Constants,
-    /// Lines with their ends.
-    pub lines: Vec<DriveLine>,
-    /// Which of them became ties.
-    pub chosen: Chosen,
-    /// Spots of pavement that are ties, and of them those that went to the smoother, after those of lines.
-    pub points: (Vec<PointTie>, Vec<PointTie>),
-    /// The new trajectory in the map, on the clock of the strips.
-    pub trajectory: Trajectory,
-    /// Seconds from the strips' clock to that of the measurements.
-    pub clock_shift_s: f64,
-    /// Nearest and farthest range of each scanner in use, the half per cent at either end left out \[m\].
-    pub ranges_m: Vec<(f64, f64)>,
-    /// What a person should be told.
-    pub notes: Vec<String>,
-    /// What was decided on the way to it.
-    pub decisions: Decisions,
-    /// The ties as they were measured again, when they were.
-    pub again: Option<MeasuredAgain>,
-    /// What the patches were moved by to measure them again.
-    pub moved_by: Option<DriveCorrection>,
-}
-
-impl DriveSolution {
-    /// The ties that the lines are of: those measured last.
-    #[must_use]
-    pub fn ties<'a>(&'a self, matched: &'a Matched) -> &'a Ties {
-        self.again.as_ref().map_or(&matched.ties, |again| &again.ties)
-    }
-
-    /// What there is to say of the calibration.
-    #[must_use]
-    pub fn calibrated(&self) -> Calibrated<'_> {
-        Calibrated {
-            constants: &self.constants,
-            estimate: &self.solution.calibration,
-            ranges_m: &self.ranges_m,
-            verdicts: &self.decisions.verdicts,
-        }
-    }
-
-    /// The new pose at a time of the strips' clock, in the map; held a moment beyond the ends, where GNSS and IMU end before
-    /// the last profile.
-    #[must_use]
-    pub fn pose_at(&self, time_s: f64) -> Option<Pose> {
-        held_pose_at(&self.trajectory, time_s)
-    }
-}
 
 /// So far beyond its ends the new trajectory is held \[s\].
 const HELD_S: f64 = 0.002;
@@ -151,6 +98,8 @@ pub struct Prepared<'a> {
     options: Options,
     again: Option<MeasuredAgain>,
     sighted: Sighted,
+    /// Points picked by hand.
+    picked: Vec<XyzPoint>,
     /// Nearest and farthest range of each scanner \[m\].
     pub ranges_m: Vec<(f64, f64)>,
     /// The same with the half per cent at either end left out \[m\].
@@ -207,8 +156,10 @@ impl<'a> Prepared<'a> {
         let inner_ranges_m: Vec<(f64, f64)> = (0..scanners).map(|s| range_span(seen, s, 0.005)).collect();
         let mut options = options(project)?;
         options.memory_bytes = usize::try_from(memory_bytes).unwrap_or(usize::MAX);
-        let for_spots = if matched.spots.is_empty() { 0 } else { spots::MOST_LIVE };
-        options.ties.most_live = MOST_LIVE + for_spots;
+        let picked = picked::points_of(project, matched)?;
+        let for_found = if matched.spots.is_empty() && matched.features.is_empty() { 0 } else { spots::MOST_LIVE };
+        let for_picked = point_ties(matched, &picked, crs, &none, clock_shift_s)?;
+        options.ties.most_live = MOST_LIVE + for_found + points::most_live(for_picked.iter().map(|p| &p.tie));
         Ok(Self {
             project,
             matched,
@@ -220,6 +171,7 @@ impl<'a> Prepared<'a> {
             options,
             again: None,
             sighted,
+            picked,
             ranges_m,
             inner_ranges_m,
             over,
@@ -309,7 +261,11 @@ impl<'a> Prepared<'a> {
                 decisions.factors.apply(lines);
                 choose(lines, &decisions.strays, most_live, self.delivered, self.clock_shift_s)
             });
-            let all = point_ties(self.matched, self.crs, &constants, self.clock_shift_s, decisions.of_spots)?;
+            let factor_of = |kind: XyzKind| decisions.factor_of(kind);
+            let mut found = spots::points_of(self.matched, factor_of(XyzKind::Texture));
+            found.extend(features::points_of(&self.matched.features, &factor_of));
+            found.extend_from_slice(&self.picked);
+            let all = point_ties(self.matched, &found, self.crs, &constants, self.clock_shift_s)?;
             let points = spots::thinned(&all, chosen.ties.len() as u64);
             let ties = chosen.ties.iter().chain(points.iter().map(|p| &p.tie)).cloned().collect();
             let inputs = Inputs { ties, ..self.measurements.inputs.clone() };
@@ -317,8 +273,8 @@ impl<'a> Prepared<'a> {
             anyhow::Ok((chosen, (all, points), inputs, solution))
         };
         while *rounds < MOST_ROUNDS {
-            let (chosen, _, inputs, solution) = once(&mut lines, decisions, MOST_LIVE_IN_ROUNDS, clock)?;
-            let is_near = decisions.learn_sigmas(&solution.tie_fits, &lines, &chosen);
+            let (chosen, points, inputs, solution) = once(&mut lines, decisions, MOST_LIVE_IN_ROUNDS, clock)?;
+            let is_near = decisions.learn_sigmas(&solution.tie_fits, &lines, &chosen, &points.1);
             // strays are looked for once the first adjustment is there
             *rounds = if *rounds > 0 && is_near { MOST_ROUNDS } else { *rounds + 1 };
             let trajectory = self.trajectory(&solution, &inputs)?;
@@ -386,12 +342,15 @@ pub fn solve(
     let mut notes = notes::notes_of(&chosen, &solution, &decisions.verdicts);
     notes.extend(drive.again.as_ref().map(|again| again.gain.note()));
     notes.extend(decisions.factors.note());
-    notes.extend(spots::note(&points, decisions.of_spots));
+    notes.extend(spots::note((&points.0, &points.1), decisions.factor_of(XyzKind::Texture)));
+    for (kind, name) in [(XyzKind::Corner, "corners of walls"), (XyzKind::Pole, "poles and trunks")] {
+        notes.extend(features::note((&points.0, &points.1), kind, name, &decisions));
+    }
     let astray = decisions.strays.len();
     notes.push(format!("{astray} lines that say something else than others of their kind about them were left out"));
     notes.extend(drive.notes);
     notes.extend(check::misfits(&constants, &solution.calibration.value, &lines));
-    Ok(DriveSolution {
+    let mut drive = DriveSolution {
         solution,
         inputs,
         constants,
@@ -405,5 +364,10 @@ pub fn solve(
         decisions,
         again: drive.again,
         moved_by,
-    })
+        picked: Vec::new(),
+    };
+    let shift_s = matched.survey.strip_files().next().map_or(0.0, |f| f.time_shift_s);
+    drive.picked = picked::fates(&drive, shift_s);
+    drive.notes.extend(picked::notes(&drive.picked));
+    Ok(drive)
 }

@@ -10,7 +10,7 @@ use tieline_matching::xyz::{
 use tieline_matching::{CONTROL_FILE, Patch, Sighting, StripIndex, normal_bin};
 
 use super::{Direction, Part, PlaceKind, PlaceTie, Places};
-use crate::project::XyzKind;
+use crate::project::XyzWord;
 use crate::settings::Settings;
 
 /// Tiles of the grid along one edge of the squares that patches are drawn in.
@@ -32,7 +32,7 @@ impl FacePatches {
     #[must_use]
     #[allow(clippy::cast_precision_loss)]
     pub fn new(settings: &Settings, tiles: usize) -> Option<Self> {
-        if settings.is_drive || !settings.xyz.contains(&XyzKind::Corner) {
+        if settings.is_drive || !settings.xyz.contains(&XyzWord::Corner) {
             return None;
         }
         let choice = TileChoice {

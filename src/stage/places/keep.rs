@@ -5,7 +5,7 @@ use std::io;
 use tieline_matching::xyz::{TileChoice, TileKeeper, TilePoint};
 use tieline_matching::{CONTROL_FILE, PointBlock, is_place_held_out};
 
-use crate::project::XyzKind;
+use crate::project::XyzWord;
 use crate::settings::Settings;
 
 /// Edge of a submap in the smallest cells of the survey \[cells\], and between which edges \[m\]: a house or two, some thousand points of each
@@ -34,7 +34,7 @@ impl SubmapPoints {
     #[must_use]
     #[allow(clippy::cast_precision_loss)]
     pub fn new(settings: &Settings, points: u64, memory_bytes: u64, threads: usize) -> Option<Self> {
-        if settings.is_drive || !settings.xyz.contains(&XyzKind::Submap) {
+        if settings.is_drive || !settings.xyz.contains(&XyzWord::Submap) {
             return None;
         }
         let most = usize::try_from(memory_bytes).unwrap_or(usize::MAX) / 2 / size_of::<TilePoint>() / threads.max(1);

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use tieline_matching::xyz::TilePoints;
 use tieline_matching::{Sighting, StripIndex, mix};
 
-use crate::project::XyzKind;
+use crate::project::XyzWord;
 use crate::settings::Settings;
 use corners::FacePatches;
 
@@ -126,7 +126,7 @@ pub fn find(
     settings: &Settings,
 ) -> Result<Places> {
     let mut places = Places::default();
-    if let Some(points) = points.filter(|_| settings.xyz.contains(&XyzKind::Submap)) {
+    if let Some(points) = points.filter(|_| settings.xyz.contains(&XyzWord::Submap)) {
         submaps::find(points, strips, settings, &mut places)?;
     }
     if let Some(faces) = faces {

@@ -133,8 +133,9 @@ pub(crate) fn graph(only: Option<&str>) -> anyhow::Result<()> {
 /// Runs the proofs on XYZ points.
 pub(crate) fn xyz(only: Option<&str>, seeds: Option<u64>) -> anyhow::Result<()> {
     mobile::set_seeds(seeds);
-    let proofs: [(&str, Proof); 5] = [
+    let proofs: [(&str, Proof); 6] = [
         ("1 texture against the truth", xyz::accuracy),
+        ("2 a straight street", xyz::straight),
         ("3 corners and submaps of strips", xyz::strips),
         ("4 registration of scan pairs", xyz::registration),
         ("5 time", xyz::time),

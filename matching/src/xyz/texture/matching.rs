@@ -46,14 +46,26 @@ fn is_unique(alike_m: &[Vector2<f64>], within_m: f64, free: Option<&Vector2<f64>
         .all(|m| free.is_some_and(|f| f.perp(m).abs() <= OFF_LINE_CELLS * cell_m))
 }
 
+/// The highest peak by value and shift; along a straight edge all are nearly as high, and the nearest counts.
+#[allow(clippy::cast_precision_loss)]
+fn likeliest(peaks: &[(f32, [i64; 2])], reach: usize) -> Option<(f32, [i64; 2])> {
+    /// What the rim of the search must be higher by.
+    const OF_THE_RIM: f64 = 0.03;
+    let far = |shift: [i64; 2]| shift.iter().map(|s| (*s as f64 / reach.max(1) as f64).powi(2)).sum::<f64>();
+    let score = |p: &(f32, [i64; 2])| f64::from(p.0) - OF_THE_RIM * far(p.1);
+    peaks.iter().copied().reduce(|best, p| if score(&p) > score(&best) { p } else { best })
+}
+
 /// A spot of one view in another.
 pub(super) struct Matching<'a> {
-    pub(super) first: &'a View,
-    pub(super) second: &'a View,
-    pub(super) tile: Tile,
+    first: &'a View,
+    second: &'a View,
+    /// Of both views.
+    rasters: [&'a Raster; 2],
+    tile: Tile,
     /// Where about it its window is to be seen again \[m\].
-    pub(super) alike_m: &'a [Vector2<f64>],
-    pub(super) options: &'a TextureOptions,
+    alike_m: &'a [Vector2<f64>],
+    options: &'a TextureOptions,
 }
 
 /// The highest peak of a correlation.
@@ -66,20 +78,25 @@ struct Peak {
     rivals_m: Vec<Vector2<f64>>,
 }
 
-impl Matching<'_> {
+impl<'a> Matching<'a> {
+    /// Of two views of a tile.
+    pub(super) fn new(
+        [first, second]: [&'a View; 2],
+        alike_m: &'a [Vector2<f64>],
+        (tile, options): (Tile, &'a TextureOptions),
+    ) -> Self {
+        Self { first, second, rasters: [&first.raster, &second.raster], tile, alike_m, options }
+    }
+
     /// The tie of a place, or why there is none; nothing where the second view does not reach.
     pub(super) fn spot(
         &self,
         place_m: [f64; 2],
         spot: u32,
-        search_m: &(dyn Fn(f64, f64) -> f64 + Sync),
-        most_search_m: f64,
+        (search_m, most_search_m): (&(dyn Fn(f64, f64) -> f64 + Sync), f64),
     ) -> Option<SpotTie> {
-        let (a, b) = (&self.first.raster, &self.second.raster);
-        let cell = a.cell_at(place_m)?;
-        if !b.at(cell.0, cell.1).is_finite() {
-            return None;
-        }
+        let [a, b] = self.rasters;
+        let cell = a.cell_at(place_m).filter(|_| self.reaches(place_m))?;
         let half = half_cells(a, self.options);
         let place_m = a.place_m(cell.0, cell.1);
         let here = |rejection| self.untied(spot, place_m, rejection);
@@ -116,7 +133,11 @@ impl Matching<'_> {
         let Some(refined) = refined else {
             return Some(SpotTie { picture, second, ..here(SpotRejection::NotConverged) });
         };
-        let of_shift_m2 = self.covariance_m2(&refined);
+        // where the residuals alone say too much, the points need not be asked
+        let of_shift_m2 = match self.free(&refined.covariance_m2) {
+            Err(_) => refined.covariance_m2,
+            Ok(_) => self.covariance_m2(&refined),
+        };
         let there_m = [place_m[0] + refined.shift_m.x, place_m[1] + refined.shift_m.y];
         let Some(other) = foot(&self.second.points, &self.second.plan, there_m, self.options.height_floor_m) else {
             return Some(SpotTie { picture, second, ..here(SpotRejection::NoPlane) });
@@ -159,8 +180,8 @@ impl Matching<'_> {
     fn free(&self, covariance_m2: &Matrix2<f64>) -> Result<Option<Vector2<f64>>, SpotRejection> {
         let axes = covariance_m2.symmetric_eigen();
         let (worse, better) = if axes.eigenvalues[0] > axes.eigenvalues[1] { (0, 1) } else { (1, 0) };
-        let limit_m2 = self.options.most_sigma_m.powi(2);
-        match (axes.eigenvalues[worse] > limit_m2, axes.eigenvalues[better] > limit_m2) {
+        let (point_m2, line_m2) = (self.options.most_sigma_m.powi(2), self.options.most_line_sigma_m.powi(2));
+        match (axes.eigenvalues[worse] > point_m2, axes.eigenvalues[better] > line_m2) {
             (false, _) => Ok(None),
             (true, false) => Ok(Some(axes.eigenvectors.column(worse).into_owned())),
             (true, true) => Err(SpotRejection::Imprecise),
@@ -170,10 +191,10 @@ impl Matching<'_> {
     /// Covariance of a shift \[m²\]: what the residuals show varies along edges, what the gaps between points leave open a whole edge has in common.
     /// Points that lie anyhow show in both, so that in each direction the larger counts.
     fn covariance_m2(&self, refined: &Refined) -> Matrix2<f64> {
-        let edges = Edges::new(&refined.cells, self.first.raster.cell_m);
-
+        let raster = self.rasters[0];
+        let edges = Edges::new(&refined.cells, raster.cell_m);
         let of = |view: &View, shift_m: &Vector2<f64>| {
-            edges.scatter((&view.points, &view.plan), shift_m, view.raster.smoothing_m)
+            edges.scatter((&view.points, &view.plan), shift_m, raster.smoothing_m)
         };
         let scatter = of(self.first, &Vector2::zeros()) + of(self.second, &refined.shift_m);
 
@@ -188,20 +209,22 @@ impl Matching<'_> {
         surface: &Surface,
     ) -> Result<Peak, (SpotRejection, Option<[i64; 2]>)> {
         let peaks = surface.peaks();
-        let Some((highest, shift)) = peaks.first().copied() else { return Err((SpotRejection::Support, None)) };
+        let Some((highest, shift)) = likeliest(&peaks, surface.reach) else {
+            return Err((SpotRejection::Support, None));
+        };
         if f64::from(highest) < self.options.least_correlation {
             return Err((SpotRejection::NoneFound, Some(shift)));
         }
         if shift.iter().any(|s| s.unsigned_abs() >= surface.reach as u64) {
             return Err((SpotRejection::SearchRim, Some(shift)));
         }
-        let from_m = |p: [i64; 2]| metres([p[0] - shift[0], p[1] - shift[1]], &self.first.raster);
+        let from_m = |p: [i64; 2]| metres([p[0] - shift[0], p[1] - shift[1]], self.rasters[0]);
         let others = peaks.iter().map(|p| (f64::from(p.0), from_m(p.1)));
         let others: Vec<_> = others.filter(|p| p.1.norm() >= self.options.rival_m).collect();
         let least = self.options.most_alike * f64::from(highest);
         let there = [cell.0 as i64 + shift[0], cell.1 as i64 + shift[1]];
         let there = there.map(|v| usize::try_from(v).unwrap_or(0));
-        if !is_supported(&self.second.raster, (there[0], there[1]), half) {
+        if !is_supported(self.rasters[1], (there[0], there[1]), half) {
             return Err((SpotRejection::Support, Some(shift)));
         }
         Ok(Peak {
@@ -220,7 +243,7 @@ impl Matching<'_> {
     ) -> Option<SpotRejection> {
         /// Beside three sigmas \[m\].
         const BACK_M: f64 = 0.01;
-        let (a, b) = (&self.first.raster, &self.second.raster);
+        let [a, b] = self.rasters;
         let there = [cell.0 as i64 + shift[0], cell.1 as i64 + shift[1]].map(|v| usize::try_from(v).unwrap_or(0));
         let back = refine(b, (there[0], there[1]), a, half, [-shift[0], -shift[1]]);
         let differs = back.is_none_or(|back| {
@@ -246,8 +269,14 @@ impl Matching<'_> {
         }
     }
 
+    /// Whether the second view sees anything at a place of the first.
+    pub(super) fn reaches(&self, place_m: [f64; 2]) -> bool {
+        let raster = self.rasters[1];
+        raster.cell_at(place_m).is_some_and(|(x, y)| raster.at(x, y).is_finite())
+    }
+
     /// A spot without a tie.
-    fn untied(&self, spot: u32, place_m: [f64; 2], rejection: SpotRejection) -> SpotTie {
+    pub(super) fn untied(&self, spot: u32, place_m: [f64; 2], rejection: SpotRejection) -> SpotTie {
         let none = Foot { height_m: 0.0, slope: [0.0; 2], sigma_m: 0.0, time_s: 0.0, points: 0, intensity: 0.0 };
         let end = |view: &View| {
             let foot = foot(&view.points, &view.plan, place_m, self.options.height_floor_m).unwrap_or(none);
@@ -283,11 +312,8 @@ impl Matching<'_> {
         let of = |v: &f32| if v.is_finite() { 1 + (v.clamp(0.0, 1.0) * 254.0) as u8 } else { 0 };
         Picture {
             side: 2 * half + 1,
-            cell_m: self.first.raster.cell_m,
-            windows: [
-                window(&self.first.raster, here),
-                window(&self.second.raster, [here[0] + shift[0], here[1] + shift[1]]),
-            ],
+            cell_m: self.rasters[0].cell_m,
+            windows: [window(self.rasters[0], here), window(self.rasters[1], [here[0] + shift[0], here[1] + shift[1]])],
             surface_side: 2 * surface.reach + 1,
             surface: surface.values.iter().map(of).collect(),
             peak: shift.map(|s| s + surface.reach as f64),

@@ -43,8 +43,10 @@ pub struct TextureOptions {
     pub rival_m: f64,
     /// Reach of the look for repetition about a spot \[m\].
     pub repetition_m: f64,
-    /// Largest standard deviation of a tie in any direction of the plane \[m\].
+    /// Largest standard deviation of a tie that holds both directions of the plane, in either \[m\].
     pub most_sigma_m: f64,
+    /// Largest standard deviation of a tie that holds one, in it \[m\].
+    pub most_line_sigma_m: f64,
     /// What heights of one sighting have in common beyond their points' noise \[m\].
     pub height_floor_m: f64,
 }
@@ -61,6 +63,7 @@ impl Default for TextureOptions {
             rival_m: 0.25,
             repetition_m: 1.3,
             most_sigma_m: 0.014,
+            most_line_sigma_m: 0.010,
             height_floor_m: 0.0003,
         }
     }

@@ -92,6 +92,26 @@ fn rows(
     rows
 }
 
+/// Least squares, without a step along a direction of the shift that next to nothing holds: the window of a straight edge may slide along it.
+fn solved(n: &Matrix6<f64>, v: &Vector6<f64>) -> Option<Vector6<f64>> {
+    /// Curvature along the edge over that across it.
+    const SLIDES: f64 = 0.03;
+    let (of_shift, of_both) = (n.fixed_view::<2, 2>(0, 0), n.fixed_view::<4, 2>(2, 0));
+    let of_light = n.fixed_view::<4, 4>(2, 2).into_owned().try_inverse()?;
+    let held = of_shift - of_both.transpose() * of_light * of_both;
+    let axes = held.symmetric_eigen();
+    let (low, high) = if axes.eigenvalues[0] < axes.eigenvalues[1] { (0, 1) } else { (1, 0) };
+    if axes.eigenvalues[low] > SLIDES * axes.eigenvalues[high] {
+        return Some(n.try_inverse()? * v);
+    }
+    let across = axes.eigenvectors.column(high).into_owned();
+    let light = v.fixed_view::<4, 1>(2, 0).into_owned();
+    let pull = v.fixed_view::<2, 1>(0, 0) - of_both.transpose() * of_light * light;
+    let step = across * (across.dot(&pull) / axes.eigenvalues[high]);
+    let light = of_light * (light - of_both * step);
+    Some(Vector6::new(step.x, step.y, light[0], light[1], light[2], light[3]))
+}
+
 /// Finds the shift near one in whole cells.
 #[allow(clippy::cast_precision_loss)]
 pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, start: [i64; 2]) -> Option<Refined> {
@@ -109,7 +129,7 @@ pub(super) fn refine(a: &Raster, cell: (usize, usize), b: &Raster, half: usize, 
             n += j * j.transpose();
             v -= j * r.b;
         }
-        let x = n.try_inverse()? * v; // step of the shift, gain, offset, trend
+        let x = solved(&n, &v)?; // step of the shift, gain, offset, trend
         let step = Vector2::new(x[0], x[1]);
         shift += step;
         gain = x[2];

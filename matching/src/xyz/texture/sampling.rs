@@ -9,6 +9,8 @@
 //! counts Σ g |g| e. Edges of one orientation and sign have one u (of one straight edge, or of the rows of one lattice), others another: with the mean of e over the
 //! cells of an orientation, `Σ g |g|` of it, and the mean square over u, Σ s sᵀ over all. Rows that cross an edge aslant take it up by themselves.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::keep::TexturePoint;
@@ -17,15 +19,23 @@ use super::raster::LEAST_WEIGHT;
 
 /// Cells so near to each other tell the normal of an edge together \[m\].
 const NORMAL_M: f64 = 0.25;
-/// Rows draw an edge along themselves: it may be turned by so much against what the raster shows \[deg\].
-const TURNS_DEG: [f64; 5] = [-10.0, -5.0, 0.0, 5.0, 10.0];
 /// Orientations with sign.
 const ORIENTATIONS: usize = 8;
 /// Cells with a smaller gradient than this share of the largest are no edge.
 const LEAST_GRADIENT: f64 = 0.15;
 /// Offsets that are tried, to both sides, and from one to the next \[m\]: a row of points and more.
-const OFFSETS: i32 = 8;
-const OFFSET_M: f64 = 0.015;
+const OFFSETS: i32 = 6;
+const OFFSET_M: f64 = 0.02;
+/// One ridge of so many is tried: neighbours lie under one bell.
+const EVERY: usize = 2;
+/// Values of the bell in one sigma, and sigmas at which it ends.
+const OF_SIGMA: usize = 64;
+const BELL_ENDS: usize = 4;
+/// The bell over the distance from its middle: an exponential for each point would be most of the work.
+static BELL: LazyLock<Vec<f64>> = LazyLock::new(|| {
+    #[allow(clippy::cast_precision_loss)] // a few hundred
+    (0..OF_SIGMA * BELL_ENDS).map(|k| (-0.5 * ((k as f64 + 0.5) / OF_SIGMA as f64).powi(2)).exp()).collect()
+});
 /// Φ at steps of half a sigma from the edge on, to both sides.
 const STEP: [f64; 6] = [0.5, 0.691_462, 0.841_345, 0.933_193, 0.977_250, 0.993_790];
 
@@ -111,28 +121,24 @@ impl Edges {
         shift_m: &Vector2<f64>,
         smoothing_m: f64,
     ) -> Matrix2<f64> {
-        let squares =
-            TURNS_DEG.map(|turn_deg| self.squares((points, plan), shift_m, smoothing_m, turn_deg.to_radians()));
-        let worst = |k: usize| squares.iter().filter_map(|of_turn| of_turn[k]).reduce(f64::max);
-        let squares: [Option<f64>; ORIENTATIONS] = std::array::from_fn(worst);
+        let squares = self.squares((points, plan), shift_m, smoothing_m);
         let largest = squares.iter().flatten().copied().fold(0.0, f64::max);
         self.sums.iter().zip(squares).map(|(s, square)| s * s.transpose() * square.unwrap_or(largest)).sum()
     }
 
-    /// Mean squares over all offsets of what the edges of an orientation are off by, if they are turned by an angle against what the raster shows.
+    /// Mean squares over all offsets of what the edges of an orientation are off by.
     fn squares(
         &self,
         (points, plan): (&[TexturePoint], &Plan),
         shift_m: &Vector2<f64>,
         smoothing_m: f64,
-        turn_rad: f64,
     ) -> [Option<f64>; ORIENTATIONS] {
         let mut off_m = [[0.0; ORIENTATIONS]; 2 * OFFSETS as usize + 1];
         let mut weights = [[0.0; ORIENTATIONS]; 2 * OFFSETS as usize + 1];
         let mut near = Vec::new();
-        for ridge in &self.ridges {
+        for ridge in self.ridges.iter().step_by(EVERY) {
             let place_m = ridge.place_m + shift_m;
-            let normal = nalgebra::Rotation2::new(turn_rad) * ridge.normal;
+            let normal = ridge.normal;
             let reach_m = f64::from(OFFSETS) * OFFSET_M + 5.0 * smoothing_m;
             near.clear();
             for k in plan.about([place_m.x, place_m.y], reach_m) {
@@ -140,7 +146,7 @@ impl Edges {
                 let off = Vector2::new(x, y) - place_m;
                 let (across, along) = (off.dot(&normal), off.perp(&normal));
                 if along.abs() < 3.0 * smoothing_m && across.abs() < reach_m {
-                    near.push((across / smoothing_m, (-0.5 * (along / smoothing_m).powi(2)).exp()));
+                    near.push((across / smoothing_m, bell(along / smoothing_m)));
                 }
             }
             for ((u, off_m), weights) in (-OFFSETS..=OFFSETS).zip(&mut off_m).zip(&mut weights) {
@@ -158,6 +164,12 @@ impl Edges {
     }
 }
 
+/// The bell at so many sigmas from its middle.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)] // not negative, bounded
+fn bell(sigmas: f64) -> f64 {
+    BELL.get((sigmas.abs() * OF_SIGMA as f64) as usize).copied().unwrap_or(0.0)
+}
+
 /// By how much an edge at an offset seems to lie further on than it does, from points across it and their weights along it; all in sigmas of the bell. Nothing in a
 /// gap.
 fn seems_off(points: &[(f64, f64)], offset: f64) -> Option<f64> {
@@ -166,7 +178,7 @@ fn seems_off(points: &[(f64, f64)], offset: f64) -> Option<f64> {
         let from_edge = 0.5 * f64::from(k);
         let (mut above, mut all) = (0.0, 0.0);
         for (across, weight) in points {
-            let w = weight * (-0.5 * (across - offset - from_edge).powi(2)).exp();
+            let w = weight * bell(across - offset - from_edge);
             all += w;
             above += if *across > offset { w } else { 0.0 };
         }
@@ -234,8 +246,6 @@ mod tests {
         let points = rows(0.06, 0.08, 0.023);
         let (along, of_row) = (sigma_m(&points, 90.0), 0.06 / 12_f64.sqrt());
         assert!((0.9..1.2).contains(&(along / of_row)), "{along}");
-        // what the raster shows of an edge may be turned towards the rows
-        assert!(sigma_m(&points, 84.0) > 0.8 * of_row);
         let across = sigma_m(&points, 10.0);
         assert!(across < 0.25 * of_row, "{across}");
         // every second row: twice the gap

@@ -6,6 +6,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::TextureOptions;
+use super::correlate::is_supported;
+use super::ground::foot;
 use super::keep::{TILE_M, TexturePoints, Tile};
 use super::matching::{Matching, alike_m, half_cells};
 use super::tie::{SpotRejection, SpotTie};
@@ -15,6 +17,11 @@ use super::view::{View, views};
 const SAME_VISIT_S: f64 = 8.0;
 /// Tiles worked on at a time.
 const BATCH: usize = 32;
+
+/// A place that cannot be tied, and why.
+type Unfit = ([f64; 2], SpotRejection);
+/// So far from a place that cannot be tied another is tried \[m\].
+const UNFIT_M: f64 = 0.5;
 
 /// Finds and matches the spots of all tiles; `search_m` is how far two sightings of these times may lie apart \[m\], `most_search_m` its bound.
 /// The ties are not judged by their neighbours yet.
@@ -88,14 +95,20 @@ fn of_tile(
     let mut ties = Vec::new();
     let mut spot = 0;
     for (k, view) in views.iter().enumerate().take(views.len().saturating_sub(1)) {
-        for place_m in candidates(view, &mut taken, options) {
+        let (places, unfit) = candidates(view, &mut taken, options);
+        for (place_m, rejection) in unfit {
+            let mut others = views[k + 1..].iter().map(|o| Matching::new([view, o], &[], (tile, options)));
+            if let Some(tied) = others.find(|tied| tied.reaches(place_m)) {
+                ties.push(tied.untied(spot, place_m, rejection));
+                spot += 1;
+            }
+        }
+        for place_m in places {
             let alike_m = alike_m(&view.raster, place_m, options);
+            let search = (search_m, most_search_m);
             let of_spot: Vec<SpotTie> = views[k + 1..]
                 .iter()
-                .filter_map(|other| {
-                    let tied = Matching { first: view, second: other, tile, alike_m: &alike_m, options };
-                    tied.spot(place_m, spot, search_m, most_search_m)
-                })
+                .filter_map(|other| Matching::new([view, other], &alike_m, (tile, options)).spot(place_m, spot, search))
                 .collect();
             spot += u32::from(!of_spot.is_empty());
             ties.extend(of_spot);
@@ -104,9 +117,10 @@ fn of_tile(
     ties
 }
 
-/// Places of a view whose brightness varies in two directions, the most distinct first, apart from each other and from those taken before.
+/// Places of a view whose brightness varies in two directions, the most distinct first, apart from each other and from those taken before; and those that cannot be tied
+/// to any other, with the reason: they take no room from their neighbours.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn candidates(view: &View, taken: &mut Vec<[f64; 2]>, options: &TextureOptions) -> Vec<[f64; 2]> {
+fn candidates(view: &View, taken: &mut Vec<[f64; 2]>, options: &TextureOptions) -> (Vec<[f64; 2]>, Vec<Unfit>) {
     /// The least curvature over that of noise alone.
     const OVER_NOISE: f64 = 4.0;
     const STEP: usize = 3;
@@ -150,12 +164,29 @@ fn candidates(view: &View, taken: &mut Vec<[f64; 2]>, options: &TextureOptions) 
         }
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1[0].total_cmp(&b.1[0])).then(a.1[1].total_cmp(&b.1[1])));
-    let mut places = Vec::new();
+    let (mut places, mut unfit) = (Vec::new(), Vec::<Unfit>::new());
+    let apart = |a: [f64; 2], b: [f64; 2], by_m: f64| (a[0] - b[0]).hypot(a[1] - b[1]) >= by_m;
     for (_, place_m) in found {
-        if taken.iter().all(|t| (t[0] - place_m[0]).hypot(t[1] - place_m[1]) >= options.spacing_m) {
+        if !taken.iter().all(|t| apart(*t, place_m, options.spacing_m))
+            || !unfit.iter().all(|u| apart(u.0, place_m, UNFIT_M))
+        {
+            continue;
+        }
+        if let Some(rejection) = why_unfit(view, place_m, options) {
+            unfit.push((place_m, rejection));
+        } else {
             taken.push(place_m);
             places.push(place_m);
         }
     }
-    places
+    (places, unfit)
+}
+
+/// Why a place cannot be tied whatever the other views see.
+fn why_unfit(view: &View, place_m: [f64; 2], options: &TextureOptions) -> Option<SpotRejection> {
+    if foot(&view.points, &view.plan, place_m, options.height_floor_m).is_none() {
+        return Some(SpotRejection::NoPlane);
+    }
+    let cell = view.raster.cell_at(place_m)?;
+    (!is_supported(&view.raster, cell, half_cells(&view.raster, options))).then_some(SpotRejection::Support)
 }

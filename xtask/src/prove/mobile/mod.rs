@@ -99,7 +99,7 @@ struct Errors {
     inside: f64,
 }
 
-fn load(path: &Path, accuracy: Option<PathBuf>) -> Result<Trajectory> {
+pub(crate) fn load(path: &Path, accuracy: Option<PathBuf>) -> Result<Trajectory> {
     Ok(read(path, &ReadOptions { format: None, columns: None, accuracy })?.trajectory)
 }
 
@@ -108,7 +108,7 @@ fn solved(folder: &Path) -> Result<Trajectory> {
 }
 
 /// The first two columns of a table below a header, from a column on.
-fn windows(path: &Path, from: usize) -> Result<Vec<(f64, f64)>> {
+pub(crate) fn windows(path: &Path, from: usize) -> Result<Vec<(f64, f64)>> {
     Ok(std::fs::read_to_string(path)?
         .lines()
         .skip(1)
@@ -125,7 +125,7 @@ fn errors(data: &Path, solution: &Path) -> Result<Errors> {
 }
 
 /// North, east, down of one position from another \[m\].
-fn apart_ned_m(p: &Vector3<f64>, from: &Vector3<f64>) -> Vector3<f64> {
+pub(crate) fn apart_ned_m(p: &Vector3<f64>, from: &Vector3<f64>) -> Vector3<f64> {
     let d = p - from;
     Vector3::new(d.x * 6_371_000.0, d.y * 6_371_000.0 * from.x.cos(), -d.z)
 }
@@ -170,7 +170,7 @@ fn moved_over_sigma(data: &Path, solution: &Path, (from_s, to_s): (f64, f64)) ->
     Ok((rms, ratios.get(ratios.len() * 95 / 100).copied().context("epochs")?))
 }
 
-fn median(values: &mut [f64]) -> f64 {
+pub(crate) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     if n % 2 == 1 { values[n / 2] } else { 0.5 * (values[n / 2 - 1] + values[n / 2]) }

@@ -5,7 +5,7 @@ use nalgebra::{DVector, Vector3};
 use serde_json::Value;
 use tieline::job::{Clock, DEFAULT_MEMORY_BYTES, JobOptions, Matched, correct_strips, match_strips, solve_strips};
 use tieline::progress::Progress;
-use tieline::project::{Project, StripModelChoice, XyzChoice, XyzKind};
+use tieline::project::{Project, StripModelChoice, XyzChoice, XyzWord};
 use tieline::stage::solve::Solution;
 use tieline::summary::summarise;
 use tieline_graph::{LineEnd, PointMap, TimeModel};
@@ -35,7 +35,7 @@ fn run(name: &str, take: Take, by: &str, model: StripModelChoice) -> Result<Run>
     let mut project = Project::load(&root().join(format!("samples/real/{name}.toml")))?;
     project.solve.strips = model;
     if !matches!(take, Take::Surfaces) {
-        project.matching.xyz = XyzChoice::Kinds(vec![XyzKind::Corner, XyzKind::Submap]);
+        project.matching.xyz = XyzChoice::Kinds(vec![XyzWord::Corner, XyzWord::Submap]);
     }
     if matches!(take, Take::Places) {
         project.matching.surface_lines = Some(false);

@@ -113,25 +113,30 @@ struct Local {
 
 fn of_tile(kept: &PostPoints, tile: Tile, options: &PoleOptions) -> std::io::Result<Vec<Pole>> {
     let margin_m = options.free_m + options.within_m;
-    let mut by_source: BTreeMap<SourceKey, Vec<Local>> = BTreeMap::new();
+    let mut all: Vec<Local> = Vec::new();
     for (i, j) in (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j))) {
         let off = Vector3::new(f64::from(i) * TILE_M, f64::from(j) * TILE_M, 0.0);
-        for point in kept.of_tile((tile.0 + i, tile.1 + j))? {
+        all.extend(kept.unordered((tile.0 + i, tile.1 + j))?.into_iter().filter_map(|point| {
             let place_m = Vector3::from(point.place_m.map(f64::from)) + off;
-            if (0..2).all(|k| (-margin_m..TILE_M + margin_m).contains(&place_m[k])) {
-                by_source.entry(point.source).or_default().push(Local { place_m, point });
-            }
-        }
+            let is_within = (0..2).all(|k| (-margin_m..TILE_M + margin_m).contains(&place_m[k]));
+            is_within.then_some(Local { place_m, point })
+        }));
     }
+    // an order that does not depend on the threads that kept them
+    let place = |p: &Local| p.place_m.map(f64::to_bits).into();
+    all.sort_unstable_by(|a, b| {
+        let by_time = a.point.source.cmp(&b.point.source).then(a.point.time_s.total_cmp(&b.point.time_s));
+        by_time.then_with(|| <[u64; 3]>::cmp(&place(a), &place(b)))
+    });
     let corner_m = Vector3::new(f64::from(tile.0) * TILE_M, f64::from(tile.1) * TILE_M, 0.0);
+    let is_one_visit = |a: &Local, b: &Local| {
+        a.point.source == b.point.source && b.point.time_s - a.point.time_s <= options.visit_gap_s
+    };
     let mut found = Vec::new();
-    for points in by_source.values_mut() {
-        points.sort_by(|a, b| a.point.time_s.total_cmp(&b.point.time_s));
-        for visit in points.chunk_by(|a, b| b.point.time_s - a.point.time_s <= options.visit_gap_s) {
-            let poles =
-                of_visit(visit, options).into_iter().filter(|p| (0..2).all(|k| (0.0..TILE_M).contains(&p.point_m[k])));
-            found.extend(poles.map(|p| Pole { point_m: p.point_m + corner_m, ..p }));
-        }
+    for visit in all.chunk_by(is_one_visit) {
+        let poles = of_visit(visit, margin_m, options);
+        let poles = poles.into_iter().filter(|p| (0..2).all(|k| (0.0..TILE_M).contains(&p.point_m[k])));
+        found.extend(poles.map(|p| Pole { point_m: p.point_m + corner_m, ..p }));
     }
     Ok(found)
 }
@@ -141,48 +146,90 @@ const SQUARE_M: f64 = 0.1;
 /// Slices that one square tells apart.
 const SLICES: f64 = 128.0;
 
-type Square = [i32; 2];
-
-#[allow(clippy::cast_possible_truncation)] // squares of a tile
-fn square_of(place_m: &Vector3<f64>) -> Square {
-    [place_m.x, place_m.y].map(|v| (v / SQUARE_M).floor() as i32)
+/// Points of a tile and its margin by squares of plan.
+struct Squares {
+    low_m: f64,
+    columns: usize,
+    /// Where the points of each square begin in `order`, and where the last end.
+    starts: Vec<u32>,
+    order: Vec<u32>,
+    /// Slices of height in which each square holds points.
+    slices: Vec<u128>,
 }
 
-fn of_visit(points: &[Local], options: &PoleOptions) -> Vec<Pole> {
+impl Squares {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a tile
+    fn new(points: &[Local], low_m: f64, slice: &dyn Fn(&Local) -> u32) -> Self {
+        let columns = ((TILE_M - 2.0 * low_m) / SQUARE_M).ceil() as usize + 1;
+        let count = columns * columns;
+        let mut squares =
+            Self { low_m, columns, starts: vec![0; count + 1], order: vec![0; points.len()], slices: vec![0; count] };
+        let at: Vec<usize> = points.iter().map(|p| squares.index(squares.of(&p.place_m))).collect();
+        for (k, point) in at.iter().zip(points) {
+            squares.starts[k + 1] += 1;
+            squares.slices[*k] |= 1 << slice(point);
+        }
+        (0..count).for_each(|k| squares.starts[k + 1] += squares.starts[k]);
+        let mut next = squares.starts.clone();
+        for (k, square) in (0..).zip(&at) {
+            squares.order[next[*square] as usize] = k;
+            next[*square] += 1;
+        }
+        squares
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // not negative, bounded
+    fn of(&self, place_m: &Vector3<f64>) -> [usize; 2] {
+        [place_m.x, place_m.y].map(|v| (((v - self.low_m) / SQUARE_M).max(0.0) as usize).min(self.columns - 1))
+    }
+
+    fn index(&self, [x, y]: [usize; 2]) -> usize {
+        x * self.columns + y
+    }
+
+    /// Squares by up to `reach` away.
+    fn about(&self, [x, y]: [usize; 2], reach: usize) -> impl Iterator<Item = [usize; 2]> + use<> {
+        let most = self.columns - 1;
+        let ys = y.saturating_sub(reach)..=(y + reach).min(most);
+        (x.saturating_sub(reach)..=(x + reach).min(most)).flat_map(move |x| ys.clone().map(move |y| [x, y]))
+    }
+
+    /// Rows of the points of a square.
+    fn rows(&self, at: [usize; 2]) -> &[u32] {
+        let k = self.index(at);
+        &self.order[self.starts[k] as usize..self.starts[k + 1] as usize]
+    }
+
+    /// Slices and points in a square and its neighbours, none where the square is empty.
+    fn score(&self, at: [usize; 2]) -> Option<(u32, usize)> {
+        if self.rows(at).is_empty() {
+            return None;
+        }
+        let (seen, count) =
+            self.about(at, 1).fold((0, 0), |(seen, n), s| (seen | self.slices[self.index(s)], n + self.rows(s).len()));
+        Some((seen.count_ones(), count))
+    }
+}
+
+fn of_visit(points: &[Local], margin_m: f64, options: &PoleOptions) -> Vec<Pole> {
     if points.len() < options.fewest_points {
         return Vec::new();
     }
     let lowest_m = points.iter().map(|p| p.place_m.z).fold(f64::INFINITY, f64::min);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped
     let slice = |p: &Local| ((p.place_m.z - lowest_m) / options.slice_m).clamp(0.0, SLICES - 1.0) as u32;
-    let mut squares: BTreeMap<Square, (u128, Vec<usize>)> = BTreeMap::new();
-    for (k, point) in points.iter().enumerate() {
-        let (seen, of) = squares.entry(square_of(&point.place_m)).or_default();
-        *seen |= 1 << slice(point);
-        of.push(k);
-    }
-    let about = |[x, y]: Square, reach: i32| {
-        (x - reach..=x + reach).flat_map(move |x| (y - reach..=y + reach).map(move |y| [x, y]))
-    };
-    let scores: BTreeMap<Square, (u32, usize)> = squares
-        .keys()
-        .map(|at| {
-            let near = about(*at, 1).filter_map(|s| squares.get(&s));
-            let (seen, count) = near.fold((0, 0), |(seen, n), (s, of)| (seen | s, n + of.len()));
-            (*at, (seen.count_ones(), count))
-        })
-        .collect();
-    let is_best = |at: &Square| {
-        let own = (scores[at], std::cmp::Reverse(*at));
-        about(*at, 2).all(|s| scores.get(&s).is_none_or(|other| (*other, std::cmp::Reverse(s)) <= own))
-    };
+    let squares = Squares::new(points, -margin_m, &slice);
+    let all = (0..squares.columns).flat_map(|x| (0..squares.columns).map(move |y| [x, y]));
+    let scores: Vec<Option<(u32, usize)>> = all.clone().map(|at| squares.score(at)).collect();
+    let score = |at: [usize; 2]| scores[squares.index(at)].map(|score| (score, std::cmp::Reverse(at)));
+    let is_tall = |at: &[usize; 2]| scores[squares.index(*at)].is_some_and(|score| score.0 >= options.fewest_slices);
+    let is_best = |at: &[usize; 2]| squares.about(*at, 2).all(|s| score(s) <= score(*at));
     let mut found = Vec::new();
-    for at in scores.iter().filter(|(at, score)| score.0 >= options.fewest_slices && is_best(at)).map(|s| s.0) {
-        let near: Vec<&Local> =
-            about(*at, 14).filter_map(|s| squares.get(&s)).flat_map(|s| &s.1).map(|k| &points[*k]).collect();
-        let inner: Vec<&&Local> = near.iter().filter(|p| about(*at, 1).any(|s| s == square_of(&p.place_m))).collect();
+    for at in all.filter(|at| is_tall(at) && is_best(at)) {
+        let rows = |reach: usize| squares.about(at, reach).flat_map(|s| squares.rows(s)).map(|k| &points[*k as usize]);
+        let near: Vec<&Local> = rows(14).collect();
         #[allow(clippy::cast_precision_loss)]
-        let middle_m = inner.iter().map(|p| p.place_m.xy()).sum::<Vector2<f64>>() / inner.len().max(1) as f64;
+        let middle_m = rows(1).map(|p| p.place_m.xy()).sum::<Vector2<f64>>() / rows(1).count().max(1) as f64;
         // slices in which nothing stands about it
         let (mut own, mut other): (BTreeMap<u32, Vec<&Local>>, BTreeMap<u32, usize>) =
             (BTreeMap::new(), BTreeMap::new());

@@ -11,6 +11,9 @@ use crate::prove::mobile::{apart_ned_m, load, median, seeds, simulate, text, tie
 
 use super::judged::asked;
 
+/// What is looked for: spots of pavement, and posts beside the road.
+const KINDS: &str = "[\"texture\", \"pole\"]";
+
 /// Largest error along the way and across it within the outages \[m\].
 fn largest_m(data: &Path, trajectory: &Trajectory) -> Result<[f64; 2]> {
     const AHEAD_S: f64 = 0.5;
@@ -50,7 +53,7 @@ pub(crate) fn straight() -> Result<Vec<Row>> {
         let of_seed = [
             largest_m(&data, &load(&data.join("trajectory.sbet"), None)?)?,
             solved(&project, "lines")?,
-            solved(&asked(&project, "[\"texture\"]")?, "points")?,
+            solved(&asked(&project, KINDS)?, "points")?,
         ];
         let [without, lines, points] = of_seed.map(|[along, across]| format!("{along:.3} {across:.3}"));
         println!(

@@ -22,7 +22,7 @@ impl XyzWord {
     pub const ALL: [Self; 4] = [Self::Texture, Self::Corner, Self::Pole, Self::Submap];
     /// Those that there are for drives.
     pub const OF_DRIVES: &[Self] = &[Self::Texture, Self::Corner, Self::Pole];
-    /// Those of drives that `"auto"` takes: what corners and poles cost is not within its bound yet.
+    /// Those of drives that `"auto"` takes: sigmas of corners and poles have been judged on few drives yet.
     pub const AUTO_OF_DRIVES: &[Self] = &[Self::Texture];
     /// Those that there are for strips.
     pub const OF_STRIPS: &[Self] = &[Self::Corner, Self::Submap];

@@ -1,13 +1,11 @@
-//! Points kept by tile while all points are read: in memory up to a bound, beyond it in unnamed temporary files.
+//! Points for submaps, kept by tile with a margin; of a share of the tiles.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::sync::Mutex;
+use std::io;
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Vector3;
 
+use super::spill::{Spill, Spilled, Tile, corner_m, within_tile_m};
 use crate::block::SourceKey;
 use crate::sketch::mix;
 
@@ -23,9 +21,6 @@ pub struct TilePoint {
     place_m: [f32; 3],
     unused: u32,
 }
-
-/// A tile by column and row.
-pub type Tile = (i32, i32);
 
 /// Which tiles are kept, and how wide they are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +45,7 @@ impl TileChoice {
     /// South-west corner of a tile in the local frame \[m\].
     #[must_use]
     pub fn corner_m(&self, tile: Tile) -> [f64; 2] {
-        [f64::from(tile.0) * self.tile_m, f64::from(tile.1) * self.tile_m]
+        corner_m(tile, self.tile_m)
     }
 
     /// Place of a kept point in the local frame \[m\].
@@ -66,27 +61,14 @@ impl TileChoice {
 #[derive(Debug)]
 pub struct TileKeeper {
     choice: TileChoice,
-    most: usize,
-    kept: usize,
-    tiles: BTreeMap<Tile, Vec<TilePoint>>,
-    file: Option<File>,
-    written: u64,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
+    kept: Spill<TilePoint>,
 }
 
 impl TileKeeper {
     /// A keeper that holds so many points in memory.
     #[must_use]
     pub fn new(choice: TileChoice, most: usize) -> Self {
-        Self {
-            choice,
-            most: most.max(1),
-            kept: 0,
-            tiles: BTreeMap::new(),
-            file: None,
-            written: 0,
-            places: BTreeMap::new(),
-        }
+        Self { choice, kept: Spill::new(most) }
     }
 
     /// Keeps a point at a place of the local frame \[m\], where its tile is drawn.
@@ -103,29 +85,12 @@ impl TileKeeper {
         for column in range(0) {
             for row in range(1) {
                 let tile = (column, row);
-                if !self.choice.takes(tile) {
-                    continue;
+                if self.choice.takes(tile) {
+                    let place_m = within_tile_m(&place_m, tile, tile_m);
+                    self.kept.add(tile, TilePoint { time_s, source, place_m, unused: 0 })?;
                 }
-                let corner = self.choice.corner_m(tile);
-                let place_m = [(place_m[0] - corner[0]) as f32, (place_m[1] - corner[1]) as f32, place_m[2] as f32];
-                self.tiles.entry(tile).or_default().push(TilePoint { time_s, source, place_m, unused: 0 });
-                self.kept += 1;
             }
         }
-        if self.kept >= self.most { self.spill() } else { Ok(()) }
-    }
-
-    fn spill(&mut self) -> io::Result<()> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(tempfile::tempfile()?),
-        };
-        for (tile, points) in std::mem::take(&mut self.tiles) {
-            file.write_all(bytemuck::cast_slice(&points))?;
-            self.places.entry(tile).or_default().push((self.written, points.len()));
-            self.written += std::mem::size_of_val(points.as_slice()) as u64;
-        }
-        self.kept = 0;
         Ok(())
     }
 }
@@ -135,32 +100,20 @@ impl TileKeeper {
 pub struct TilePoints {
     /// How wide tiles are.
     pub choice: TileChoice,
-    parts: Vec<Part>,
-}
-
-#[derive(Debug)]
-struct Part {
-    tiles: BTreeMap<Tile, Vec<TilePoint>>,
-    file: Option<Mutex<File>>,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
+    kept: Spilled<TilePoint>,
 }
 
 impl TilePoints {
     /// Puts the keepers of all threads together.
     #[must_use]
     pub fn new(choice: TileChoice, keepers: Vec<TileKeeper>) -> Self {
-        let part = |k: TileKeeper| Part { tiles: k.tiles, file: k.file.map(Mutex::new), places: k.places };
-        Self { choice, parts: keepers.into_iter().map(part).collect() }
+        Self { choice, kept: Spilled::new(keepers.into_iter().map(|k| k.kept)) }
     }
 
     /// Tiles that hold points, in order.
     #[must_use]
     pub fn tiles(&self) -> Vec<Tile> {
-        let mut tiles: Vec<Tile> =
-            self.parts.iter().flat_map(|p| p.tiles.keys().chain(p.places.keys())).copied().collect();
-        tiles.sort_unstable();
-        tiles.dedup();
-        tiles
+        self.kept.tiles()
     }
 
     /// The points of a tile by source, time and place: whichever thread kept them.
@@ -168,18 +121,7 @@ impl TilePoints {
     /// # Errors
     /// When a temporary file cannot be read.
     pub fn of_tile(&self, tile: Tile) -> io::Result<Vec<TilePoint>> {
-        let mut points = Vec::new();
-        for part in &self.parts {
-            for (start, count) in part.places.get(&tile).map_or(&[][..], Vec::as_slice) {
-                let Some(file) = part.file.as_ref() else { break };
-                let from = points.len();
-                points.resize(from + count, TilePoint::zeroed());
-                let mut file = file.lock().map_err(|_| io::Error::other("another thread failed"))?;
-                file.seek(SeekFrom::Start(*start))?;
-                file.read_exact(bytemuck::cast_slice_mut(&mut points[from..]))?;
-            }
-            points.extend_from_slice(part.tiles.get(&tile).map_or(&[], Vec::as_slice));
-        }
+        let mut points = self.kept.of_tile(tile)?;
         points.sort_unstable_by(|a, b| {
             let places = || a.place_m.iter().zip(&b.place_m).map(|(a, b)| a.total_cmp(b));
             a.source

@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::tiles::{PostPoint, PostPoints, TILE_M, Tile};
+use super::post_points::{PostPoint, PostPoints, TILE_M};
+use super::spill::{Tile, corner_m};
 use crate::block::SourceKey;
 
 /// How poles are found.
@@ -128,7 +129,8 @@ fn of_tile(kept: &PostPoints, tile: Tile, options: &PoleOptions) -> std::io::Res
         let by_time = a.point.source.cmp(&b.point.source).then(a.point.time_s.total_cmp(&b.point.time_s));
         by_time.then_with(|| <[u64; 3]>::cmp(&place(a), &place(b)))
     });
-    let corner_m = Vector3::new(f64::from(tile.0) * TILE_M, f64::from(tile.1) * TILE_M, 0.0);
+    let [east_m, north_m] = corner_m(tile, TILE_M);
+    let corner_m = Vector3::new(east_m, north_m, 0.0);
     let is_one_visit = |a: &Local, b: &Local| {
         a.point.source == b.point.source && b.point.time_s - a.point.time_s <= options.visit_gap_s
     };

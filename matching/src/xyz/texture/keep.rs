@@ -1,14 +1,12 @@
-//! Points of pavement, kept by tile while all points are read: in memory up to a bound, beyond it in unnamed temporary files.
+//! Points of pavement, kept by tile for its texture, and the counts of their brightness.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::sync::Mutex;
+use std::io;
 
 use bytemuck::{Pod, Zeroable};
 
 use super::brightness::Brightness;
 use crate::block::SourceKey;
+use crate::xyz::spill::{Spill, Spilled, Tile, tile_at, within_tile_m};
 
 /// Edge of a tile \[m\].
 pub const TILE_M: f64 = 16.0;
@@ -29,18 +27,10 @@ pub struct TexturePoint {
     pub range_cm: u16,
 }
 
-/// A tile by column and row.
-pub(super) type Tile = (i32, i32);
-
 /// What one thread keeps.
 #[derive(Debug)]
 pub struct PointKeeper {
-    most: usize,
-    kept: usize,
-    tiles: BTreeMap<Tile, Vec<TexturePoint>>,
-    file: Option<File>,
-    written: u64,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
+    kept: Spill<TexturePoint>,
     brightness: Brightness,
 }
 
@@ -48,15 +38,7 @@ impl PointKeeper {
     /// A keeper that holds so many points in memory.
     #[must_use]
     pub fn new(most: usize) -> Self {
-        Self {
-            most: most.max(1),
-            kept: 0,
-            tiles: BTreeMap::new(),
-            file: None,
-            written: 0,
-            places: BTreeMap::new(),
-            brightness: Brightness::default(),
-        }
+        Self { kept: Spill::new(most), brightness: Brightness::default() }
     }
 
     /// Keeps a point at a place of the local frame \[m\].
@@ -71,47 +53,19 @@ impl PointKeeper {
         range_m: f64,
         intensity: u16,
     ) -> io::Result<()> {
-        let tile = ((place_m[0] / TILE_M).floor() as i32, (place_m[1] / TILE_M).floor() as i32);
-        let corner = [f64::from(tile.0) * TILE_M, f64::from(tile.1) * TILE_M];
         self.brightness.count(source.scanner(), range_m, intensity);
-        self.tiles.entry(tile).or_default().push(TexturePoint {
-            time_s,
-            source,
-            place_m: [(place_m[0] - corner[0]) as f32, (place_m[1] - corner[1]) as f32, place_m[2] as f32],
-            intensity,
-            range_cm: (range_m * 100.0).clamp(0.0, 65_535.0) as u16,
-        });
-        self.kept += 1;
-        if self.kept >= self.most { self.spill() } else { Ok(()) }
-    }
-
-    fn spill(&mut self) -> io::Result<()> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(tempfile::tempfile()?),
-        };
-        for (tile, points) in std::mem::take(&mut self.tiles) {
-            file.write_all(bytemuck::cast_slice(&points))?;
-            self.places.entry(tile).or_default().push((self.written, points.len()));
-            self.written += std::mem::size_of_val(points.as_slice()) as u64;
-        }
-        self.kept = 0;
-        Ok(())
+        let tile = tile_at(&place_m, TILE_M);
+        let place_m = within_tile_m(&place_m, tile, TILE_M);
+        let range_cm = (range_m * 100.0).clamp(0.0, 65_535.0) as u16;
+        self.kept.add(tile, TexturePoint { time_s, source, place_m, intensity, range_cm })
     }
 }
 
 /// What all threads kept.
 #[derive(Debug)]
 pub struct TexturePoints {
-    parts: Vec<Part>,
+    kept: Spilled<TexturePoint>,
     brightness: Brightness,
-}
-
-#[derive(Debug)]
-struct Part {
-    tiles: BTreeMap<Tile, Vec<TexturePoint>>,
-    file: Option<Mutex<File>>,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
 }
 
 impl TexturePoints {
@@ -119,12 +73,8 @@ impl TexturePoints {
     #[must_use]
     pub fn new(keepers: Vec<PointKeeper>) -> Self {
         let mut brightness = Brightness::default();
-        let part = |keeper: PointKeeper| {
-            brightness.merge(&keeper.brightness);
-            Part { tiles: keeper.tiles, file: keeper.file.map(Mutex::new), places: keeper.places }
-        };
-        let parts = keepers.into_iter().map(part).collect();
-        Self { parts, brightness }
+        keepers.iter().for_each(|k| brightness.merge(&k.brightness));
+        Self { kept: Spilled::new(keepers.into_iter().map(|k| k.kept)), brightness }
     }
 
     /// Counts of all points.
@@ -135,11 +85,7 @@ impl TexturePoints {
 
     /// Tiles that hold points, in order.
     pub(super) fn tiles(&self) -> Vec<Tile> {
-        let mut tiles: Vec<Tile> =
-            self.parts.iter().flat_map(|p| p.tiles.keys().chain(p.places.keys())).copied().collect();
-        tiles.sort_unstable();
-        tiles.dedup();
-        tiles
+        self.kept.tiles()
     }
 
     /// The points of a tile, in the order in which they were kept by each thread.
@@ -147,19 +93,7 @@ impl TexturePoints {
     /// # Errors
     /// When a temporary file cannot be read.
     pub(super) fn of_tile(&self, tile: Tile) -> io::Result<Vec<TexturePoint>> {
-        let mut points = Vec::new();
-        for part in &self.parts {
-            for (start, count) in part.places.get(&tile).map_or(&[][..], Vec::as_slice) {
-                let Some(file) = part.file.as_ref() else { break };
-                let from = points.len();
-                points.resize(from + count, TexturePoint::zeroed());
-                let mut file = file.lock().map_err(|_| io::Error::other("another thread failed"))?;
-                file.seek(SeekFrom::Start(*start))?;
-                file.read_exact(bytemuck::cast_slice_mut(&mut points[from..]))?;
-            }
-            points.extend_from_slice(part.tiles.get(&tile).map_or(&[], Vec::as_slice));
-        }
-        Ok(points)
+        self.kept.of_tile(tile)
     }
 }
 

@@ -5,13 +5,14 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 use super::TextureOptions;
 use super::correlate::{Surface, correlate, is_supported};
 use super::ground::{Foot, foot};
-use super::keep::{TILE_M, Tile};
+use super::keep::TILE_M;
 use super::raster::Raster;
 use super::refine::{Refined, refine};
 use super::sampling::Edges;
 use super::tie::{Picture, SpotEnd, SpotRejection, SpotTie};
 use super::view::View;
 use crate::block::SourceKey;
+use crate::xyz::spill::{Tile, corner_m};
 
 /// Two shifts are of one line as long as they lie off it by no more than this; peaks are known to a cell.
 const OFF_LINE_CELLS: f64 = 1.5;
@@ -189,7 +190,7 @@ impl<'a> Matching<'a> {
     }
 
     /// Covariance of a shift \[m²\]: what the residuals show varies along edges, what the gaps between points leave open a whole edge has in common.
-    /// Points that lie anyhow show in both, so that in each direction the larger counts.
+    /// Both are added up: points that lie anyhow show in both, and sigmas are too careful there (docs/xyz.md).
     fn covariance_m2(&self, refined: &Refined) -> Matrix2<f64> {
         let raster = self.rasters[0];
         let edges = Edges::new(&refined.cells, raster.cell_m);
@@ -259,7 +260,7 @@ impl<'a> Matching<'a> {
     }
 
     fn end(&self, place_m: [f64; 2], foot: &Foot, source: SourceKey) -> SpotEnd {
-        let corner = [f64::from(self.tile.0) * TILE_M, f64::from(self.tile.1) * TILE_M];
+        let corner = corner_m(self.tile, TILE_M);
         SpotEnd {
             source,
             time_s: foot.time_s,

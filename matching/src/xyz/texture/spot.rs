@@ -8,10 +8,11 @@ use rayon::prelude::*;
 use super::TextureOptions;
 use super::correlate::is_supported;
 use super::ground::foot;
-use super::keep::{TILE_M, TexturePoints, Tile};
+use super::keep::{TILE_M, TexturePoints};
 use super::matching::{Matching, alike_m, half_cells};
 use super::tie::{SpotRejection, SpotTie};
 use super::view::{View, views};
+use crate::xyz::spill::Tile;
 
 /// Sightings of one source that lie nearer in time are of one visit \[s\].
 const SAME_VISIT_S: f64 = 8.0;

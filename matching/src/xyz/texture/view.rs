@@ -3,10 +3,11 @@
 use super::TextureOptions;
 use super::brightness::NormalLevels;
 use super::ground::ground_only;
-use super::keep::{TILE_M, TexturePoint, TexturePoints, Tile};
+use super::keep::{TILE_M, TexturePoint, TexturePoints};
 use super::plan::Plan;
 use super::raster::Raster;
 use crate::block::SourceKey;
+use crate::xyz::spill::Tile;
 
 /// Points of a source further apart in time are of two visits \[s\].
 const VISIT_GAP_S: f64 = 2.0;

@@ -1,12 +1,10 @@
-//! Points kept by tile while all points are read: in memory up to a bound, beyond it in unnamed temporary files.
+//! Points beside the road, kept by tile for posts and trunks.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::sync::Mutex;
+use std::io;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::spill::{Spill, Spilled, Tile, tile_at, within_tile_m};
 use crate::block::SourceKey;
 
 /// Edge of a tile \[m\].
@@ -28,26 +26,17 @@ pub struct PostPoint {
     pub azimuth: u16,
 }
 
-/// A tile by column and row.
-pub(super) type Tile = (i32, i32);
-
 /// What one thread keeps.
 #[derive(Debug)]
 pub struct PostKeeper {
-    most: usize,
-    kept: usize,
-    tiles: BTreeMap<Tile, Vec<PostPoint>>,
-    file: Option<File>,
-    written: u64,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
+    kept: Spill<PostPoint>,
 }
 
 impl PostKeeper {
     /// A keeper that holds so many points in memory.
     #[must_use]
     pub fn new(most: usize) -> Self {
-        let (tiles, places) = (BTreeMap::new(), BTreeMap::new());
-        Self { most: most.max(1), kept: 0, tiles, file: None, written: 0, places }
+        Self { kept: Spill::new(most) }
     }
 
     /// Keeps a point at a place of the local frame \[m\]; `azimuth_rad` is where its beam led in plan, clockwise from north.
@@ -62,63 +51,30 @@ impl PostKeeper {
         azimuth_rad: f64,
         intensity: u16,
     ) -> io::Result<()> {
-        let tile = ((place_m[0] / TILE_M).floor() as i32, (place_m[1] / TILE_M).floor() as i32);
-        let corner = [f64::from(tile.0) * TILE_M, f64::from(tile.1) * TILE_M];
+        let tile = tile_at(&place_m, TILE_M);
         let turn = (azimuth_rad / std::f64::consts::TAU).rem_euclid(1.0);
-        self.tiles.entry(tile).or_default().push(PostPoint {
-            time_s,
-            source,
-            place_m: [(place_m[0] - corner[0]) as f32, (place_m[1] - corner[1]) as f32, place_m[2] as f32],
-            intensity,
-            azimuth: (turn * 65_536.0) as u32 as u16,
-        });
-        self.kept += 1;
-        if self.kept >= self.most { self.spill() } else { Ok(()) }
-    }
-
-    fn spill(&mut self) -> io::Result<()> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(tempfile::tempfile()?),
-        };
-        for (tile, points) in std::mem::take(&mut self.tiles) {
-            file.write_all(bytemuck::cast_slice(&points))?;
-            self.places.entry(tile).or_default().push((self.written, points.len()));
-            self.written += std::mem::size_of_val(points.as_slice()) as u64;
-        }
-        self.kept = 0;
-        Ok(())
+        let azimuth = (turn * 65_536.0) as u32 as u16;
+        let place_m = within_tile_m(&place_m, tile, TILE_M);
+        self.kept.add(tile, PostPoint { time_s, source, place_m, intensity, azimuth })
     }
 }
 
 /// What all threads kept.
 #[derive(Debug)]
 pub struct PostPoints {
-    parts: Vec<Part>,
-}
-
-#[derive(Debug)]
-struct Part {
-    tiles: BTreeMap<Tile, Vec<PostPoint>>,
-    file: Option<Mutex<File>>,
-    places: BTreeMap<Tile, Vec<(u64, usize)>>,
+    kept: Spilled<PostPoint>,
 }
 
 impl PostPoints {
     /// Puts the keepers of all threads together.
     #[must_use]
     pub fn new(keepers: Vec<PostKeeper>) -> Self {
-        let part = |k: PostKeeper| Part { tiles: k.tiles, file: k.file.map(Mutex::new), places: k.places };
-        Self { parts: keepers.into_iter().map(part).collect() }
+        Self { kept: Spilled::new(keepers.into_iter().map(|k| k.kept)) }
     }
 
     /// Tiles that hold points, in order.
     pub(super) fn tiles(&self) -> Vec<Tile> {
-        let mut tiles: Vec<Tile> =
-            self.parts.iter().flat_map(|p| p.tiles.keys().chain(p.places.keys())).copied().collect();
-        tiles.sort_unstable();
-        tiles.dedup();
-        tiles
+        self.kept.tiles()
     }
 
     /// The points of a tile, in an order that may depend on the threads.
@@ -126,19 +82,7 @@ impl PostPoints {
     /// # Errors
     /// When a temporary file cannot be read.
     pub(super) fn unordered(&self, tile: Tile) -> io::Result<Vec<PostPoint>> {
-        let mut points = Vec::new();
-        for part in &self.parts {
-            for (start, count) in part.places.get(&tile).map_or(&[][..], Vec::as_slice) {
-                let Some(file) = part.file.as_ref() else { break };
-                let from = points.len();
-                points.resize(from + count, PostPoint::zeroed());
-                let mut file = file.lock().map_err(|_| io::Error::other("another thread failed"))?;
-                file.seek(SeekFrom::Start(*start))?;
-                file.read_exact(bytemuck::cast_slice_mut(&mut points[from..]))?;
-            }
-            points.extend_from_slice(part.tiles.get(&tile).map_or(&[], Vec::as_slice));
-        }
-        Ok(points)
+        self.kept.of_tile(tile)
     }
 }
 

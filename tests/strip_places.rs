@@ -112,7 +112,6 @@ fn submaps_alone_recover_the_truth_within_sigma() {
 }
 
 #[test]
-#[ignore = "open: rms 1.32 sigma, 86 % within 95 %: sigmas of ridges are too small where patches lie across them (docs/xyz.md, Ridges)"]
 fn corners_and_ridges_alone_recover_the_truth_within_sigma() {
     assert_honest(&[7, 8], &[XyzWord::Corner], 30);
 }

@@ -41,7 +41,7 @@ const LEAST_VOLUME: f64 = 0.15;
 /// Least sine of the angle between two planes of an edge.
 const LEAST_SINE: f64 = 0.2;
 /// What all points of a plane have in common where nothing else is said \[m\].
-const FLOOR_M: f64 = 0.001;
+const FLOOR_M: f64 = 0.0005;
 
 fn variance_m2(plane: &Patch, point_m: &Vector3<f64>, common_m: f64) -> f64 {
     plane.plane_sigma_m(&(point_m - plane.centroid_m)).powi(2) + common_m * common_m

@@ -116,7 +116,7 @@ pub fn corners(patches: &[Patch], options: &CornerOptions) -> Vec<Corner> {
         near.sort_unstable();
         for (at, j) in near.iter().enumerate() {
             for k in &near[at + 1..] {
-                found.extend(corner_of([face, &faces[*j], &faces[*k]], options));
+                found.extend(corner_of([face, &faces[*j], &faces[*k]], patches, options));
             }
         }
     }
@@ -143,11 +143,16 @@ fn distinct(mut corners: Vec<Corner>, options: &CornerOptions) -> Vec<Corner> {
     corners
 }
 
-fn corner_of(faces: [&Face; 3], options: &CornerOptions) -> Option<Corner> {
-    let corner = Corner::of(faces.map(|f| &f.plane))?;
-    let by_all = faces.iter().all(|f| f.is_by(&corner.point_m, options.support_m));
+fn corner_of(faces: [&Face; 3], patches: &[Patch], options: &CornerOptions) -> Option<Corner> {
+    let near = Corner::of(faces.map(|f| &f.plane))?;
+    if !faces.iter().all(|f| f.is_by(&near.point_m, options.support_m)) {
+        return None;
+    }
+    let clear = |k: usize| faces[k].plane_clear_of(patches, &[&faces[(k + 1) % 3].plane, &faces[(k + 2) % 3].plane]);
+    let planes = [clear(0)?, clear(1)?, clear(2)?];
+    let corner = Corner::of(planes.each_ref())?;
     let worst_m2 = corner.covariance_m2.symmetric_eigenvalues().max();
-    (by_all && worst_m2 <= options.max_sigma_m * options.max_sigma_m).then_some(corner)
+    (worst_m2 <= options.max_sigma_m * options.max_sigma_m).then_some(corner)
 }
 
 /// Whether two corners are of the same planes: each normal of one has its own in the other.

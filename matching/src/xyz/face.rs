@@ -33,12 +33,16 @@ pub struct Face {
     pub plane: Patch,
     /// Upright boxes about the patches \[m\].
     pub boxes: Vec<([f64; 3], [f64; 3])>,
+    /// Their rows among the patches that faces were grown from.
+    members: Vec<usize>,
 }
 
 /// Sigmas allowed on top of the limits.
 const SIGMAS: f64 = 3.0;
 /// Patches from which their spread about the plane tells something.
 const TELLING: usize = 5;
+/// Sigmas of χ² beyond which their points do not explain it.
+const CHANCE: f64 = 2.0;
 
 /// Weighted mean and scatter of patches.
 #[derive(Debug, Clone, Copy)]
@@ -159,7 +163,7 @@ fn grow(
         }
     }
     plane.roughness_m = roughness_of_patches_m(patches, &members, &plane).max(plane.roughness_m);
-    Some(Face { plane, boxes: members.iter().map(|m| bounds(&patches[*m], 0.0)).collect() })
+    Some(Face { plane, boxes: members.iter().map(|m| bounds(&patches[*m], 0.0)).collect(), members })
 }
 
 /// The plane of some patches of one sighting, with the sigma of its points or, where it is larger, that of the patches; none for none.
@@ -173,6 +177,31 @@ pub(crate) fn face_of(patches: &[Patch]) -> Option<Patch> {
     Some(plane)
 }
 
+/// Share of its reach at which a patch lies across an edge whatever it looks like (a triangle before the edge has 0.82),
+const ACROSS: f64 = 0.75;
+/// and sigmas of its tilt towards the other plane beyond which it does where it lies nearer than its reach.
+const TILTED: f64 = 1.5;
+
+/// Whether a patch of one plane ends before another: one that reaches across the edge holds points of both, which pull its normal
+/// towards the other's.
+pub(super) fn is_clear_of(patch: &Patch, own: &Patch, other: &Patch) -> bool {
+    let [long_m, cross_m] = patch.half_extent_m();
+    let spread_m = |way: &Vector3<f64>, [long_m, cross_m]: [f64; 2]| {
+        [long_m * way.dot(&patch.long_axis).abs(), cross_m * way.dot(&patch.cross_axis()).abs()]
+    };
+    let reach_m: f64 = spread_m(&other.normal, [long_m, cross_m]).iter().sum();
+    let share = other.normal.dot(&(patch.centroid_m - other.centroid_m)).abs() / reach_m;
+    if share >= 1.0 || share < ACROSS {
+        return share >= 1.0;
+    }
+    let Some(towards) = (other.normal - own.normal * own.normal.dot(&other.normal)).try_normalize(1e-6) else {
+        return false;
+    };
+    let [long_m, cross_m] = spread_m(&towards, patch.spread_m);
+    let sigma_rad = patch.roughness_m / (f64::from(patch.points).sqrt() * long_m.hypot(cross_m));
+    towards.dot(&patch.normal) <= TILTED * sigma_rad
+}
+
 fn lies_in(patch: &Patch, plane: &Patch, options: &FaceOptions) -> bool {
     let sigma_rad = patch.normal_sigma_rad().hypot(plane.normal_sigma_rad());
     let angle_rad = patch.normal.cross(&plane.normal).norm().min(1.0).asin();
@@ -183,7 +212,8 @@ fn lies_in(patch: &Patch, plane: &Patch, options: &FaceOptions) -> bool {
 }
 
 /// The roughness that gives the plane the sigma of its patches: their points share errors, the patches do not. With k patches
-/// whose centroids lie s about the plane, s/√k is the sigma, and `plane_sigma_m` divides by √n.
+/// whose centroids lie s about the plane, s/√k is the sigma, and `plane_sigma_m` divides by √n. Zero where the noise of their points
+/// explains how the patches lie, by χ².
 #[allow(clippy::cast_precision_loss)]
 fn roughness_of_patches_m(patches: &[Patch], members: &[usize], plane: &Patch) -> f64 {
     if members.len() < TELLING {
@@ -191,6 +221,10 @@ fn roughness_of_patches_m(patches: &[Patch], members: &[usize], plane: &Patch) -
     }
     let k = members.len() as f64;
     let off = |m: &usize| plane.normal.dot(&(patches[*m].centroid_m - plane.centroid_m));
+    let squares = members.iter().map(|m| (off(m) / patches[*m].plane_sigma_m(&Vector3::zeros())).powi(2)).sum::<f64>();
+    if squares <= k - 3.0 + CHANCE * (2.0 * (k - 3.0)).sqrt() {
+        return 0.0;
+    }
     let spread_m = (members.iter().map(|m| off(m).powi(2)).sum::<f64>() / (k - 3.0)).sqrt();
     spread_m * (f64::from(plane.points) / k).sqrt()
 }
@@ -202,6 +236,14 @@ impl Face {
         self.boxes
             .iter()
             .any(|(low, high)| (0..3).all(|k| low[k] - gap_m <= point_m[k] && point_m[k] <= high[k] + gap_m))
+    }
+
+    /// The plane of those of the face's patches, rows of `patches`, that end before some other planes: a row of patches across an edge
+    /// would pull both of its planes alike. None where there are none.
+    pub(super) fn plane_clear_of(&self, patches: &[Patch], others: &[&Patch]) -> Option<Patch> {
+        let ends_before = |p: &&Patch| others.iter().all(|other| is_clear_of(p, &self.plane, other));
+        let clear: Vec<Patch> = self.members.iter().map(|m| &patches[*m]).filter(ends_before).cloned().collect();
+        face_of(&clear)
     }
 
     /// Upright box about the whole face, widened \[m\].

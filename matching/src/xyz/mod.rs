@@ -7,6 +7,7 @@
 mod agreement;
 mod corner;
 mod corner_match;
+mod cylinder;
 mod face;
 mod facet;
 mod feature;

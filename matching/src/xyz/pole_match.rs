@@ -12,7 +12,7 @@ use super::pole::Pole;
 use crate::block::SourceKey;
 
 /// What the radius of one pole differs by between heights and sides \[m\].
-const OUT_OF_ROUND_M: f64 = 0.0007;
+const OUT_OF_ROUND_M: f64 = 0.0005;
 /// Radii differ by so many standard deviations at most.
 const SIGMAS: f64 = 4.0;
 /// Sightings of one source further apart than this are of several visits \[s\].

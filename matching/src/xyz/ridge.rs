@@ -32,10 +32,9 @@ const REACH_M: f64 = 15.0;
 const SIGMAS: f64 = 4.0;
 
 impl Ridge {
-    /// The ridge of two faces, where both hold it.
-    fn of(faces: [&Face; 2], options: &CornerOptions) -> Option<Self> {
-        let planes = faces.map(|f| f.plane.clone());
-        let edge = Edge::of(planes.each_ref())?;
+    /// The ridge of two faces of some patches, where both hold it.
+    fn of(faces: [&Face; 2], patches: &[Patch], options: &CornerOptions) -> Option<Self> {
+        let edge = Edge::of(faces.map(|f| &f.plane))?;
         let held = |t_m: f64| {
             let point_m = edge.point_m + edge.direction * t_m;
             faces.iter().all(|f| f.is_by(&point_m, options.support_m))
@@ -61,6 +60,8 @@ impl Ridge {
             return None;
         }
         let middle_m = edge.point_m + edge.direction * (0.5 * (best.0 + best.1));
+        let clear = |k: usize| faces[k].plane_clear_of(patches, &[&faces[1 - k].plane]);
+        let planes = [clear(0)?, clear(1)?];
         let edge = edge.at(planes.each_ref(), &middle_m)?;
         let known = edge.worst_sigma_m() <= options.max_sigma_m;
         known.then_some(Self { edge, half_length_m: 0.5 * length_m, planes })
@@ -139,12 +140,16 @@ pub fn ridges(patches: &[Patch], options: &CornerOptions) -> Vec<Ridge> {
         let near = tree.locate_in_envelope_intersecting(AABB::from_corners(low, high));
         let mut near: Vec<usize> = near.map(|b| b.row).filter(|j| *j > i).collect();
         near.sort_unstable();
-        found.extend(near.into_iter().filter_map(|j| Ridge::of([face, &faces[j]], options)));
+        found.extend(near.into_iter().filter_map(|j| Ridge::of([face, &faces[j]], patches, options)));
     }
     distinct(found, options)
 }
 
-/// Of ridges of the same planes that run along each other the best known one: a long slope is more than one face.
+/// Angles, over the largest between normals of two sightings, within which two ridges at one place are one: patches across the edge may
+/// make a face of their own, a little tilted.
+const ALIKE: f64 = 4.0;
+
+/// Of ridges of nearly the same planes that run along each other the best known one: a long slope is more than one face.
 fn distinct(mut ridges: Vec<Ridge>, options: &CornerOptions) -> Vec<Ridge> {
     let worst = |r: &Ridge| r.edge.worst_sigma_m();
     ridges.sort_by(|a, b| worst(a).total_cmp(&worst(b)));
@@ -154,7 +159,7 @@ fn distinct(mut ridges: Vec<Ridge>, options: &CornerOptions) -> Vec<Ridge> {
         if kept[row] {
             let near = tree.locate_in_envelope_intersecting(around(ridge, options.search_m));
             for other in near.map(|b| b.row).filter(|o| *o > row) {
-                let same = ridge.same_planes(&ridges[other], options.normal_angle_rad)
+                let same = ridge.same_planes(&ridges[other], ALIKE * options.normal_angle_rad)
                     && ridge.apart_m(&ridges[other]).is_some_and(|d| d <= SIGMAS * options.max_sigma_m);
                 kept[other] &= !same;
             }

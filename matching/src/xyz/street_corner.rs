@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::corner::{Corner, Edge};
-use super::face::{Face, FaceOptions, face_of, faces};
+use super::face::{Face, FaceOptions, face_of, faces, is_clear_of};
 use crate::patch::{Patch, Sighting};
 
 /// How corners of a street are found.
@@ -194,10 +194,10 @@ fn about_edge(
     if !faces.iter().all(|f| f.is_by(&edge.point_m, options.support_m)) {
         return None;
     }
-    let both = planes.each_ref().map(|plane| {
+    let both = [0, 1].map(|k| {
         let is_of = |p: &&Patch| {
             let off_m = (p.centroid_m - edge.point_m).xy().norm();
-            off_m <= options.reach_m && lies_in(p, plane, options)
+            off_m <= options.reach_m && lies_in(p, &planes[k], options) && is_clear_of(p, &planes[k], &planes[1 - k])
         };
         let members: Vec<Patch> = patches.iter().filter(is_of).cloned().collect();
         fitted(members, options)
@@ -219,6 +219,7 @@ fn ground_at(level: &[Patch], walls: &[Patch; 2], edge: &Edge, options: &StreetC
     let near = |p: &&Patch| {
         (p.centroid_m - edge.point_m).xy().norm() <= options.reach_m
             && (p.centroid_m.z - edge.point_m.z).abs() <= 0.5 * options.layer_m
+            && walls.iter().all(|wall| is_clear_of(p, p, wall))
     };
     let near: Vec<Patch> = level.iter().filter(near).cloned().collect();
     let of_plane = |face: &Face| {

@@ -21,6 +21,9 @@ const FEWEST_POINTS: usize = 500;
 const SQUARE_M: f64 = 2.5;
 const LEAST_OVERLAP_M2: f64 = 200.0;
 
+/// Directions steeper than this by their upward part are heights.
+const UPRIGHT: f64 = 0.9;
+
 /// What one sighting saw of a tile.
 struct View {
     sighting: Sighting,
@@ -60,7 +63,15 @@ pub(super) fn find(points: &TilePoints, strips: &StripIndex, settings: &Settings
             if let Some(why_not) = &why_not {
                 places.reject(PlaceKind::Submap, why_not);
             }
-            places.ties.extend(place_tie(pair, &tie, settings.pairing.sigma_floor_m, why_not));
+            let mut found = place_tie(pair, &tie, settings.pairing.sigma_floor_m, why_not);
+            if let Some(tie) = found.as_mut().filter(|_| settings.surface_lines) {
+                tie.directions.retain(|d| d.direction.z.abs() < UPRIGHT);
+                if tie.directions.is_empty() && tie.why_not.is_none() {
+                    places.reject(PlaceKind::Submap, "height_only");
+                    tie.why_not = Some("height_only".to_string());
+                }
+            }
+            places.ties.extend(found);
         }
     }
     Ok(())

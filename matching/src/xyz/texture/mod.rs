@@ -63,7 +63,7 @@ impl Default for TextureOptions {
             rival_m: 0.25,
             repetition_m: 1.3,
             most_sigma_m: 0.014,
-            most_line_sigma_m: 0.010,
+            most_line_sigma_m: 0.008,
             height_floor_m: 0.0003,
         }
     }

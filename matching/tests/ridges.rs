@@ -87,7 +87,6 @@ fn each_gable_has_its_ridge_and_no_more() {
         }
     }
     let average = sum / count;
-
     assert!(average > 1.4 && average < 2.7, "eᵀΣ⁻¹e averages {average}");
 }
 

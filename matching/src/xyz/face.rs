@@ -191,7 +191,7 @@ pub(super) fn is_clear_of(patch: &Patch, own: &Patch, other: &Patch) -> bool {
     };
     let reach_m: f64 = spread_m(&other.normal, [long_m, cross_m]).iter().sum();
     let share = other.normal.dot(&(patch.centroid_m - other.centroid_m)).abs() / reach_m;
-    if share >= 1.0 || share < ACROSS {
+    if !(ACROSS..1.0).contains(&share) {
         return share >= 1.0;
     }
     let Some(towards) = (other.normal - own.normal * own.normal.dot(&other.normal)).try_normalize(1e-6) else {

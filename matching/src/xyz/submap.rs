@@ -140,6 +140,8 @@ const WHOLE_STEPS: usize = 6;
 const STILL: f64 = 0.1;
 /// and the step itself below this many.
 const CLOSE: f64 = 2.0;
+/// Share of the smallest cells' width by which a step in wider ones may still move the cloud before those take over.
+const NEAR: f64 = 0.1;
 /// Widths of cells tried \[m\].
 const WIDTHS_M: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Points of the sparser cloud in the cell of a median point.
@@ -175,9 +177,9 @@ pub fn register(fixed: &Cloud<'_>, moving: &Cloud<'_>, options: &SubmapOptions) 
     let pair = Pair { fixed, moving, first_s, limits, options };
     let (wide, mut start) = (grid.widened(2.0 * options.search_m), Isometry3::identity());
     if wide.width_m > grid.width_m {
-        start = pair.register(&wide, start)?.fixed_from_moving;
+        start = pair.register(&wide, start, Some(NEAR * grid.width_m))?.fixed_from_moving;
     }
-    pair.register(&grid, start)
+    pair.register(&grid, start, None)
 }
 
 /// Two clouds and how they are to be registered.
@@ -190,8 +192,9 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// Rounds of cells, facets and adjustment in one grid, until the moving cloud stands still.
-    fn register(&self, grid: &Grid, start: Isometry3<f64>) -> Result<Registration, NotRegistered> {
+    /// Rounds of cells, facets and adjustment in one grid, until the moving cloud stands still; on the way to a finer grid until a step is
+    /// shorter than `near_m` \[m\].
+    fn register(&self, grid: &Grid, start: Isometry3<f64>, near_m: Option<f64>) -> Result<Registration, NotRegistered> {
         let still = grid.voxels(self.fixed, &Isometry3::identity(), self.first_s[0]);
         let bounds = Bounds {
             unknowns: if self.options.rotation { 6 } else { 3 },
@@ -213,8 +216,9 @@ impl Pair<'_> {
             let share = 1.0 / (round.saturating_sub(WHOLE_STEPS) + 1) as f64;
             let length = length_in_sigmas(&adjusted, about.gyration_m);
             let converged = length < CLOSE && share * length < STILL;
+            let is_near = near_m.is_some_and(|near_m| length_m(&adjusted.step, about.gyration_m) < near_m);
             motion = step_about(&about.origin_m, &(adjusted.step * share)) * motion;
-            if converged || round == ROUNDS {
+            if converged || is_near || round == ROUNDS {
                 let count = adjusted.used.iter().filter(|u| **u).count();
                 #[allow(clippy::cast_precision_loss)]
                 let effective_facets = count as f64 * adjusted.independent;
@@ -250,6 +254,11 @@ fn step_about(origin_m: &Vector3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());
     let shift = origin_m + step.fixed_rows::<3>(0) - turn * origin_m;
     Isometry3::from_parts(Translation3::from(shift), turn)
+}
+
+/// What a step moves the facets by, shift and turn at their radius of gyration \[m\].
+fn length_m(step: &Vector6<f64>, gyration_m: f64) -> f64 {
+    step.fixed_rows::<3>(0).norm() + step.fixed_rows::<3>(3).norm() * gyration_m
 }
 
 /// The longest part of a step along a held direction, in sigmas.

@@ -50,6 +50,12 @@ impl Hasher for PlaceHasher {
     }
 }
 
+/// The number of a cell: below a million along each axis, so that numbers are in order of places.
+#[allow(clippy::cast_sign_loss)]
+fn number(place: &Place) -> u64 {
+    place.iter().fold(0, |number, i| (number << 20) | u64::from(*i as u32))
+}
+
 /// One cell of one cloud.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Voxel {
@@ -77,11 +83,14 @@ impl Grid {
         }
         let sparser = if fixed.points_m.len() < moving.points_m.len() { fixed } else { moving };
         let mut grid = Err(NotRegistered::NoPoints);
-        for width_m in widths_m {
+        let mut cells: Vec<(Place, i64)> = Vec::new();
+        for (tried, width_m) in widths_m.iter().enumerate() {
             grid = of(*width_m);
-            if let Ok(found) = &grid
-                && found.median_points(sparser) >= wanted
-            {
+            let Ok(found) = &grid else { continue };
+            // every width is twice the one before: cells are summed, points are read once
+            cells = if cells.is_empty() { found.counts(sparser) } else { halved(&cells) };
+            debug_assert!(tried == 0 || (width_m / widths_m[tried - 1] - 2.0).abs() < 1e-12);
+            if median(&cells) >= wanted {
                 break;
             }
         }
@@ -112,20 +121,14 @@ impl Grid {
         wide
     }
 
-    /// Points in the cell of the median point.
-    fn median_points(&self, cloud: &Cloud<'_>) -> i64 {
-        let mut counts: Vec<i64> =
-            self.voxels(cloud, &Isometry3::identity(), 0.0).iter().map(|v| v.moments.n).collect();
-        counts.sort_unstable();
-        let total: i64 = counts.iter().sum();
-        let mut below = 0;
-        counts
-            .into_iter()
-            .find(|n| {
-                below += n;
-                2 * below >= total
-            })
-            .unwrap_or(0)
+    /// Points in each cell, counted from zero of the frame.
+    #[allow(clippy::cast_possible_truncation)]
+    fn counts(&self, cloud: &Cloud<'_>) -> Vec<(Place, i64)> {
+        let finite = cloud.points_m.par_iter().filter(|p| p.iter().all(|v| v.is_finite()));
+        let mut places: Vec<Place> = finite.map(|p| p.map(|v| (v / self.width_m).floor() as i32).into()).collect();
+        places.par_sort_unstable();
+        #[allow(clippy::cast_possible_wrap)]
+        places.chunk_by(|a, b| a == b).map(|of| (of[0], of.len() as i64)).collect()
     }
 
     /// The cells of a cloud after a motion, in order of their places. Points that are not numbers are left out.
@@ -136,20 +139,20 @@ impl Grid {
             .zip(cloud.time_s.par_chunks(POINTS_PER_TASK))
             .map(|(points_m, time_s)| self.sum(points_m, time_s, motion, first_s))
             .collect();
-        let mut voxels: Vec<Voxel> =
+        let found: Vec<Voxel> =
             parts.into_iter().flatten().map(|(_, (place, moments))| Voxel { place, moments }).collect();
-        voxels.par_sort_unstable_by_key(|v| v.place);
-        voxels.dedup_by(|later, kept| {
-            let same = later.place == kept.place;
-            if same {
-                kept.moments.merge(&later.moments);
-            }
-            same
-        });
-        voxels
+        // moments are wide: their numbers are sorted, not they
+        let mut order: Vec<(u64, usize)> = found.iter().enumerate().map(|(k, v)| (number(&v.place), k)).collect();
+        order.par_sort_unstable();
+        let of_place = |same: &[(u64, usize)]| {
+            let mut voxel = found[same[0].1];
+            same[1..].iter().for_each(|(_, k)| voxel.moments.merge(&found[*k].moments));
+            voxel
+        };
+        order.chunk_by(|a, b| a.0 == b.0).map(of_place).collect()
     }
 
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    #[allow(clippy::cast_possible_truncation)]
     fn sum(
         &self,
         points_m: &[Vector3<f64>],
@@ -169,8 +172,7 @@ impl Grid {
                 continue;
             }
             let inside = |k: usize| ((moved[k] - f64::from(place[k]) * self.width_m) * STEPS_PER_METRE).round() as i64;
-            let key = place.iter().fold(0_u64, |key, i| (key << 20) | u64::from(*i as u32));
-            let cell = cells.entry(key).or_insert_with(|| (place, Moments::default()));
+            let cell = cells.entry(number(&place)).or_insert_with(|| (place, Moments::default()));
             cell.1.add([inside(0), inside(1), inside(2)], ((time - first_s) * TICKS_PER_SECOND).round() as i64, 0);
         }
         cells
@@ -181,21 +183,18 @@ impl Grid {
     /// Layers of a column without a gap are joined first, so that a roof on the face between two layers is not cut in
     /// two. Columns are tried eight by eight, four by four, two by two and singly, and of one plane and its parts the ones
     /// that say more are kept: the sum of 1/σ² decides.
-    pub(crate) fn facets(&self, fixed: &[Voxel], moving: &[Voxel], limits: &FacetLimits) -> Vec<Facet> {
-        let of = |voxels: &[Voxel], cloud: usize| -> Vec<Piece> {
-            voxels.iter().map(|v| Piece { place: v.place, cloud, moments: v.moments }).collect()
-        };
-        let mut pieces = of(fixed, 0);
-        pieces.extend(of(moving, 1));
-        pieces.par_sort_unstable_by_key(|p| (node(p, LEVELS), p.place[2], p.place, p.cloud));
-        let nodes: Vec<&[Piece]> = pieces.chunk_by(|a, b| node(a, LEVELS) == node(b, LEVELS)).collect();
+    pub(crate) fn facets<'a>(&self, fixed: &'a [Voxel], moving: &'a [Voxel], limits: &FacetLimits) -> Vec<Facet> {
+        let of = |cloud: usize| move |v: &'a Voxel| Piece { place: v.place, cloud, moments: &v.moments };
+        let mut pieces: Vec<Piece<'_>> = fixed.iter().map(of(0)).chain(moving.iter().map(of(1))).collect();
+        pieces.par_sort_unstable_by_key(|p| p.rank(LEVELS));
+        let nodes: Vec<&[Piece<'_>]> = pieces.chunk_by(|a, b| node(a, LEVELS) == node(b, LEVELS)).collect();
         let found: Vec<Vec<Facet>> =
             nodes.into_par_iter().with_min_len(16).map(|n| self.of_node(n, LEVELS, limits)).collect();
         found.into_iter().flatten().collect()
     }
 
     /// The facets of a node's pieces, which are in order of their layers.
-    fn of_node(&self, pieces: &[Piece], level: u32, limits: &FacetLimits) -> Vec<Facet> {
+    fn of_node(&self, pieces: &[Piece<'_>], level: u32, limits: &FacetLimits) -> Vec<Facet> {
         let mut facets = Vec::new();
         for stack in stacks(pieces) {
             if !both_have(stack, limits.min_points) {
@@ -213,21 +212,21 @@ impl Grid {
         facets
     }
 
-    fn of_parts(&self, stack: &[Piece], level: u32, limits: &FacetLimits) -> Vec<Facet> {
+    fn of_parts(&self, stack: &[Piece<'_>], level: u32, limits: &FacetLimits) -> Vec<Facet> {
         let mut parts = stack.to_vec();
-        parts.sort_unstable_by_key(|p| (node(p, level), p.place[2], p.place, p.cloud));
+        parts.sort_unstable_by_key(|p| p.rank(level));
         let nodes = parts.chunk_by(|a, b| node(a, level) == node(b, level));
         nodes.flat_map(|n| self.of_node(n, level, limits)).collect()
     }
 
     /// The layers of a single column that is no plane as a whole.
-    fn of_layers(&self, stack: &[Piece], limits: &FacetLimits) -> Vec<Facet> {
+    fn of_layers(&self, stack: &[Piece<'_>], limits: &FacetLimits) -> Vec<Facet> {
         let layers = stack.chunk_by(|a, b| a.place[2] == b.place[2]);
         layers.filter_map(|l| self.facet(l, 1, limits).filter(|f| self.is_whole(f, l[0].place[2]))).collect()
     }
 
     /// The facet of some pieces, whose layers and columns lie next to each other.
-    fn facet(&self, pieces: &[Piece], cells: i32, limits: &FacetLimits) -> Option<Facet> {
+    fn facet(&self, pieces: &[Piece<'_>], cells: i32, limits: &FacetLimits) -> Option<Facet> {
         let first = pieces.iter().map(|p| p.place).reduce(|a, b| std::array::from_fn(|k| a[k].min(b[k])))?;
         let mut sums = [Moments::default(); 2];
         for piece in pieces {
@@ -255,24 +254,58 @@ impl Grid {
     }
 }
 
+/// Cells twice as wide.
+fn halved(cells: &[(Place, i64)]) -> Vec<(Place, i64)> {
+    let mut wider: Vec<(Place, i64)> = cells.iter().map(|(place, count)| (place.map(|i| i >> 1), *count)).collect();
+    wider.sort_unstable();
+    let sum = |of: &[(Place, i64)]| (of[0].0, of.iter().map(|(_, count)| count).sum());
+    wider.chunk_by(|a, b| a.0 == b.0).map(sum).collect()
+}
+
+/// Points in the cell of the median point.
+fn median(cells: &[(Place, i64)]) -> i64 {
+    let mut counts: Vec<i64> = cells.iter().map(|(_, count)| *count).collect();
+    counts.sort_unstable();
+    let total: i64 = counts.iter().sum();
+    let mut below = 0;
+    let mut up_to = |n: &i64| {
+        below += n;
+        2 * below >= total
+    };
+    counts.iter().copied().find(|n| up_to(n)).unwrap_or(0)
+}
+
+/// A cell of one of two clouds.
 #[derive(Debug, Clone, Copy)]
-struct Piece {
+struct Piece<'a> {
     place: Place,
     cloud: usize,
-    moments: Moments,
+    moments: &'a Moments,
+}
+
+impl Piece<'_> {
+    /// In order of the nodes of a level, of layers within them, of columns and clouds: 2 (20 - level) + 20 + 2 level + 1 bits.
+    #[allow(clippy::cast_sign_loss)]
+    fn rank(&self, level: u32) -> u64 {
+        let [x, y, layer] = self.place.map(|i| u64::from(i as u32));
+        let (high, low) = (|i: u64| i >> level, |i: u64| i & ((1 << level) - 1));
+        let node = (high(x) << (20 - level)) | high(y);
+        let column = (low(x) << level) | low(y);
+        (((((node << 20) | layer) << (2 * level)) | column) << 1) | self.cloud as u64
+    }
 }
 
 /// The node of a piece: its column, or the square of columns about it.
-fn node(piece: &Piece, level: u32) -> [i32; 2] {
+fn node(piece: &Piece<'_>, level: u32) -> [i32; 2] {
     [piece.place[0] >> level, piece.place[1] >> level]
 }
 
-fn both_have(pieces: &[Piece], points: i64) -> bool {
+fn both_have(pieces: &[Piece<'_>], points: i64) -> bool {
     let of = |cloud: usize| pieces.iter().filter(|p| p.cloud == cloud).map(|p| p.moments.n).sum::<i64>();
     of(0) >= points && of(1) >= points
 }
 
 /// Pieces in order of their layers, cut where a layer is empty.
-fn stacks(pieces: &[Piece]) -> impl Iterator<Item = &[Piece]> {
+fn stacks<'a, 'b>(pieces: &'b [Piece<'a>]) -> impl Iterator<Item = &'b [Piece<'a>]> {
     pieces.chunk_by(|a, b| b.place[2] - a.place[2] <= 1)
 }

@@ -64,17 +64,26 @@ pub(super) fn find(points: &TilePoints, strips: &StripIndex, settings: &Settings
                 places.reject(PlaceKind::Submap, why_not);
             }
             let mut found = place_tie(pair, &tie, settings.pairing.sigma_floor_m, why_not);
-            if let Some(tie) = found.as_mut().filter(|_| settings.surface_lines) {
-                tie.directions.retain(|d| d.direction.z.abs() < UPRIGHT);
-                if tie.directions.is_empty() && tie.why_not.is_none() {
-                    places.reject(PlaceKind::Submap, "height_only");
-                    tie.why_not = Some("height_only".to_string());
-                }
+            if settings.surface_lines
+                && let Some(tie) = found.as_mut().filter(|t| t.why_not.is_none())
+            {
+                leave_heights(tie, places);
             }
             places.ties.extend(found);
         }
     }
     Ok(())
+}
+
+/// Surface lines have the heights from the same points: told twice they would count twice.
+fn leave_heights(tie: &mut PlaceTie, places: &mut Places) {
+    let is_height = |d: &Direction| d.direction.z.abs() >= UPRIGHT;
+    if tie.directions.iter().all(is_height) {
+        places.reject(PlaceKind::Submap, "height_only");
+        tie.why_not = Some("height_only".to_string());
+    } else {
+        tie.directions.retain(|d| !is_height(d));
+    }
 }
 
 fn of_tile(

@@ -205,6 +205,32 @@ fn doubly_driven_m(matched: &Matched) -> Result<f64> {
     Ok(last.windows(2).filter(|w| near(&w[0])).map(|w| (w[1] - w[0]).norm()).sum())
 }
 
+/// Fewest ties whose mean of eᵀΣ⁻¹e is bounded: that of 100 of rank 2 spreads by 0.2 about its expectation, half the bound and more.
+const ENOUGH: usize = 100;
+
+/// Mean of eᵀΣ⁻¹e of the ties of a rank without blunders.
+#[allow(clippy::cast_precision_loss)]
+fn mean_square(name: &str, of_rank: &[&Judged]) -> Option<Row> {
+    let (rank, low, high) = match of_rank.first()?.rank() {
+        3 => (3, 2.5, 3.5),
+        rank => (rank, 1.65, 2.35),
+    };
+    let good: Vec<f64> = of_rank.iter().filter(|j| !j.is_blunder()).map(|j| j.square()).collect();
+    let mean = good.iter().sum::<f64>() / good.len() as f64;
+    let name = format!("{name}, rank {rank}: mean of eᵀΣ⁻¹e without blunders");
+    if good.len() < ENOUGH {
+        println!("{name}: {mean:.2} of {}, too few for the bound of {low} to {high}", good.len());
+        return None;
+    }
+    Some(Row::between(name, mean, low, high, ""))
+}
+
+/// Whether sigmas are right, whatever the kind of tie.
+pub(super) fn of_all_kinds(name: &str, all: &[Judged]) -> Vec<Row> {
+    let of_rank = |rank: usize| all.iter().filter(|j| j.rank() == rank).collect::<Vec<_>>();
+    [3, 2].into_iter().filter_map(|rank| mean_square(name, &of_rank(rank))).collect()
+}
+
 /// Blunders, errors and whether sigmas are right, by rank.
 #[allow(clippy::cast_precision_loss)]
 pub(super) fn rows(name: &str, all: &[&Judged], most_rms_mm: f64) -> Vec<Row> {
@@ -212,21 +238,19 @@ pub(super) fn rows(name: &str, all: &[&Judged], most_rms_mm: f64) -> Vec<Row> {
     let largest = all.iter().map(|j| j.error_m.amax()).fold(0.0, f64::max);
     println!("{name}: {} ties, largest error {:.0} mm", all.len(), 1e3 * largest);
     let mut lines = vec![Row::at_most(format!("{name}: blunders"), 100.0 * blunders / all.len() as f64, 0.5, "%")];
-    for (rank, low, high) in [(3, 2.5, 3.5), (2, 1.65, 2.35)] {
-        let of_rank: Vec<&&Judged> = all.iter().filter(|j| j.rank() == rank).collect();
+    for rank in [3, 2] {
+        let of_rank: Vec<&Judged> = all.iter().copied().filter(|j| j.rank() == rank).collect();
         if of_rank.is_empty() {
             println!("{name}, rank {rank}: none");
             continue;
         }
         let square = |k: usize| of_rank.iter().map(|j| j.error_m[k].powi(2)).sum::<f64>() / of_rank.len() as f64;
         let rms_mm: Vec<f64> = (0..rank).map(|k| 1e3 * square(k).sqrt()).collect();
-        let good: Vec<f64> = of_rank.iter().filter(|j| !j.is_blunder()).map(|j| j.square()).collect();
-        let blunders = of_rank.len() - good.len();
+        let blunders = of_rank.iter().filter(|j| j.is_blunder()).count();
         println!("{name}, rank {rank}: {} ties, rms {rms_mm:.1?} mm, {blunders} blunders", of_rank.len());
         let worst = rms_mm.iter().copied().fold(f64::NAN, f64::max);
         lines.push(Row::at_most(format!("{name}, rank {rank}: rms of the worst component"), worst, most_rms_mm, "mm"));
-        let mean = good.iter().sum::<f64>() / good.len() as f64;
-        lines.push(Row::between(format!("{name}, rank {rank}: mean of eᵀΣ⁻¹e without them"), mean, low, high, ""));
+        lines.extend(mean_square(name, &of_rank));
     }
     lines
 }

@@ -83,11 +83,14 @@ fn speed(folder: &Path, first: &Points, second: &Points) -> Result<Vec<Row>> {
 }
 
 /// Flight line 706 split in two, one half shifted: in blocks of 300 points by turns, as the peer was measured, and pulse by pulse, where the
-/// returns of a pulse stay together as in two flights.
+/// returns of a pulse stay together as in two flights; and point by point, where they do not.
 fn split(folder: &Path, line: &Points) -> Result<Vec<Row>> {
     type Half<'a> = &'a dyn Fn(usize, usize) -> usize;
-    let splits: [(&str, Half<'_>); 2] =
-        [("blocks of 300 points", &|point, _| point / 300 % 2), ("pulses", &|_, pulse| pulse % 2)];
+    let splits: [(&str, Half<'_>); 3] = [
+        ("blocks of 300 points", &|point, _| point / 300 % 2),
+        ("odd and even pulses", &|_, pulse| pulse % 2),
+        ("odd and even points", &|point, _| point % 2),
+    ];
     let mut rows = Vec::new();
     for (what, half) in splits {
         let [fixed, moving] = [0, 1].map(|wanted| line.only(|point, _, pulse| half(point, pulse) == wanted));
